@@ -1,0 +1,42 @@
+# `make demo` and `make test` need Python 3.11 and nothing else: they make .venv on their first run.
+PYTHON ?= python3.11
+BIN := .venv/bin
+READY := .venv/.ready
+DEMO := build/demo
+
+export OMP_NUM_THREADS ?= 1
+
+.PHONY: setup demo test check bench clean
+
+setup: $(READY)
+
+$(READY): pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev]'
+	touch $@
+
+# The main job in a registry of its own, by the commands that a user types.
+demo: export PADDLECTL_REGISTRY = $(DEMO)
+demo: export PATH := $(CURDIR)/$(BIN):$(PATH)
+demo: $(READY)
+	rm -rf $(DEMO)
+	paddlectl train BlockedDoor GapBall
+	paddlectl similarity --target BlockedBoxUnlockPickup --source BlockedDoor --source GapBall
+	paddlectl transfer scenarios/A.yaml --seed 0 --frames 60000
+	paddlectl explain latest
+
+test: $(READY)
+	$(BIN)/python -m pytest -n 2
+
+check: $(READY)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest -n 2
+
+bench: $(READY)
+	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
+
+clean:
+	rm -rf .venv build dist src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find src tests benchmarks -name __pycache__ -prune -exec rm -rf {} +

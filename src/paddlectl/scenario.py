@@ -1,0 +1,318 @@
+"""Scenario files: YAML with a position for every value, a closed schema, mistakes told by file:line:column.
+
+The reading is narrower than YAML on purpose: no aliases, anchors, tags, duplicate keys or second document,
+at most 1 MB and 16 levels, and scalars as in JSON (`1:30`, `0100` and `yes` are texts, not 90, 64 and true).
+"""
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from paddlectl.errors import InvalidFileError, NotFoundError
+from paddlectl.tasks.suite import load, names
+
+METHODS = ("paddle", "hdm")
+MAX_BYTES = 1_000_000
+MAX_DEPTH = 16
+MAX_VALUES = 10_000
+MAX_DIGITS = 18
+
+_KEY = -1  # stands in a path for a key while it is read
+_INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)")
+_FLOAT = re.compile(r"[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?")
+_WORDS = {"": None, "~": None, "null": None, "true": True, "false": False}
+
+
+class _Closed(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, hide_input_in_errors=True)
+
+
+Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+Seed = Annotated[int, Field(ge=0, lt=2**32)]
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.,+-]*$")]
+
+
+class Similarity(_Closed):
+    """The shares of body and heads in ψ (method: γ_body and γ_head)."""
+
+    body_weight: Share = 0.8
+    head_weight: Share = 0.2
+
+    @model_validator(mode="after")
+    def _sum_is_one(self) -> "Similarity":
+        if not math.isclose(self.body_weight + self.head_weight, 1.0, rel_tol=0.0, abs_tol=1e-9):
+            raise ValueError("body_weight and head_weight must add up to 1")
+        return self
+
+
+class Guidance(_Closed):
+    """How a guide is chosen: `paper` is Eqs. 2 and 3 to the letter."""
+
+    mode: Literal["default", "paper"] = "default"
+
+
+class Scenario(_Closed):
+    """One transfer: what to learn, from which sources, how and how often.
+
+    Attributes:
+        target: The task to learn.
+        sources: Tasks whose best policies may be reused.
+        frames: Environment steps of each run.
+    """
+
+    name: Name
+    target: str
+    sources: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)]
+    method: str = METHODS[0]
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=1000)] = (0,)
+    frames: Annotated[int, Field(gt=0, le=10**12)] = 400_000
+    similarity: Similarity = Similarity()
+    guidance: Guidance = Guidance()
+
+
+KeyPath = tuple[str | int, ...]
+
+
+class Mark(NamedTuple):
+    """A place in a file, counted from 1."""
+
+    line: int
+    column: int
+
+
+class Problem(NamedTuple):
+    """What is wrong, at which key path, and whether it is the key itself."""
+
+    path: KeyPath
+    message: str
+    at_key: bool = False
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Reads and checks a scenario file.
+
+    Raises:
+        NotFoundError: If there is no such file.
+        InvalidFileError: If it isn't a scenario; the message starts with file:line:column.
+    """
+    reader = _Reader(str(path), _read(path))
+    document = reader.document()
+    try:
+        scenario = Scenario.model_validate_json(json.dumps(document))
+    except ValidationError as error:
+        problems = [_told(found) for found in error.errors(include_url=False, include_input=False)]
+    else:
+        problems = list(_misuses(scenario))
+        if not problems:
+            return scenario
+    mark, message = min((reader.mark(path, at_key), message) for path, message, at_key in problems)
+    raise reader.error(mark, message)
+
+
+def unknown(kind: str, name: str, known: tuple[str, ...]) -> str:
+    """`unknown task 'BoxDor'; did you mean 'BoxDoor'?`, or all that there are if none is near."""
+    lowered = {other.lower(): other for other in known}
+    near = get_close_matches(name.lower(), lowered, n=1)
+    advice = f"did you mean {lowered[near[0]]!r}?" if near else f"there are {', '.join(known)}"
+    return f"unknown {kind} {name!r}; {advice}"
+
+
+def _read(path: Path) -> str:
+    if not path.exists():
+        near = get_close_matches(path.name, [other.name for other in path.parent.glob("*.yaml")], n=1)
+        raise NotFoundError(f"no file {path}", f"did you mean {path.parent / near[0]}?" if near else "")
+    if not path.is_file():
+        raise InvalidFileError(f"{path}:1:1: not a file")
+    with path.open("rb") as stream:
+        data = stream.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise InvalidFileError(f"{path}:1:1: larger than {MAX_BYTES:,} bytes; a scenario isn't")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        mark = _mark_at(data[: error.start].decode("utf-8", "replace"))
+        raise InvalidFileError(f"{path}:{mark.line}:{mark.column}: not UTF-8 text") from None
+
+
+def _mark_at(before: str) -> Mark:
+    return Mark(before.count("\n") + 1, len(before) - (before.rfind("\n") + 1) + 1)
+
+
+def _misuses(scenario: Scenario) -> Iterator[Problem]:
+    """What a schema can't know: names of tasks and methods, and sources that can't serve the target."""
+    if scenario.method not in METHODS:
+        yield Problem(("method",), unknown("method", scenario.method, METHODS))
+    for path, task in [(("target",), scenario.target), *_places("sources", scenario.sources)]:
+        if task not in names():
+            yield Problem(path, unknown("task", task, names()))
+    for key, values in (("sources", scenario.sources), ("seeds", scenario.seeds)):
+        for index, value in enumerate(values):
+            if value in values[:index]:
+                yield Problem((key, index), f"{value!r} stands twice in {key}")
+    yield from _foreign_sources(scenario)
+
+
+def _places(key: str, values: tuple[Any, ...]) -> Iterator[tuple[KeyPath, Any]]:
+    for index, value in enumerate(values):
+        yield (key, index), value
+
+
+def _foreign_sources(scenario: Scenario) -> Iterator[Problem]:
+    if scenario.target not in names():
+        return
+    domain = load(scenario.target).domain
+    for path, source in _places("sources", scenario.sources):
+        if source in names() and load(source).domain != domain:
+            message = f"{source} is a task of {load(source).domain}, the target {scenario.target} of {domain}"
+            yield Problem(path, f"{message}: its policy can't act there")
+
+
+_SECTIONS: dict[KeyPath, type[_Closed]] = {(): Scenario, ("similarity",): Similarity, ("guidance",): Guidance}
+_SAID = {
+    "string_type": "must be a text",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "float_type": "must be a number",
+    "bool_type": "must be true or false",
+    "tuple_type": "must be a list",
+    "model_type": "must be a mapping of keys to values",
+    "model_attributes_type": "must be a mapping of keys to values",
+    "string_pattern_mismatch": "may hold letters, digits, spaces and _ . , + - only",
+}
+
+
+def _told(error: Any) -> Problem:
+    path: KeyPath = tuple(error["loc"])
+    kind, context = error["type"], error.get("ctx", {})
+    if kind == "missing":
+        return Problem(path[:-1], f"missing key {path[-1]!r}")
+    if kind == "extra_forbidden":
+        known = _SECTIONS[path[:-1]]
+        return Problem(path, unknown("key", str(path[-1]), tuple(known.model_fields)), at_key=True)
+    if kind == "value_error":
+        return Problem(path, str(context["error"]))
+    text = _SAID.get(kind, error["msg"][:1].lower() + error["msg"][1:])
+    return Problem(path, f"{'.'.join(str(part) for part in path) or 'a scenario'}: {text}")
+
+
+class _Reader:
+    """Builds plain values from YAML events and remembers where each stood."""
+
+    def __init__(self, name: str, text: str) -> None:
+        self._name = name
+        self._text = text
+        self._values: dict[KeyPath, Mark] = {(): Mark(1, 1)}
+        self._keys: dict[KeyPath, Mark] = {}
+        self._events = yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
+    def document(self) -> Any:
+        self._expect(yaml.StreamStartEvent)
+        event = self._next()
+        if isinstance(event, yaml.StreamEndEvent):
+            raise self.error(Mark(1, 1), "the file is empty")
+        value = self._value(self._next(), ())
+        self._expect(yaml.DocumentEndEvent)
+        event = self._next()
+        if not isinstance(event, yaml.StreamEndEvent):
+            raise self._at(event, "a second document; one file holds one scenario")
+        return value
+
+    def mark(self, path: KeyPath, at_key: bool = False) -> Mark:
+        """The place of a key path, or of the nearest enclosing one that the file has."""
+        if at_key and path in self._keys:
+            return self._keys[path]
+        while path not in self._values:
+            path = path[:-1]
+        return self._values[path]
+
+    def error(self, mark: Mark, message: str) -> InvalidFileError:
+        return InvalidFileError(f"{self._name}:{mark.line}:{mark.column}: {message}")
+
+    def _at(self, event: Any, message: str) -> InvalidFileError:
+        return self.error(_mark_of(event.start_mark), message)
+
+    def _next(self) -> Any:
+        try:
+            return next(self._events)
+        except yaml.MarkedYAMLError as error:
+            place = error.problem_mark or error.context_mark
+            mark = _mark_of(place) if place else Mark(1, 1)
+            raise self.error(mark, f"not YAML: {error.problem or error.context}") from None
+        except yaml.reader.ReaderError as error:
+            mark = _mark_at(self._text.encode()[: error.position].decode("utf-8", "replace"))
+            raise self.error(mark, "a character that YAML doesn't allow") from None
+        except (yaml.YAMLError, ValueError, RecursionError):
+            raise self.error(Mark(1, 1), "not YAML") from None
+
+    def _expect(self, kind: type) -> None:
+        event = self._next()
+        if not isinstance(event, kind):
+            raise self._at(event, "not a single YAML document")
+
+    def _value(self, event: Any, path: KeyPath) -> Any:
+        self._values[path] = _mark_of(event.start_mark)
+        if len(self._values) > MAX_VALUES:
+            raise self._at(event, f"more than {MAX_VALUES:,} values; a scenario has fewer")
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise self._at(event, "anchors and aliases aren't allowed; write the value out")
+        if getattr(event, "tag", None) is not None:
+            raise self._at(event, f"tags aren't allowed: {event.tag!r}")
+        if len(path) > MAX_DEPTH:
+            raise self._at(event, f"nested deeper than {MAX_DEPTH} levels")
+        if isinstance(event, yaml.ScalarEvent):
+            return self._scalar(event)
+        if isinstance(event, yaml.SequenceStartEvent):
+            return self._sequence(path)
+        return self._mapping(path)
+
+    def _sequence(self, path: KeyPath) -> list[Any]:
+        values: list[Any] = []
+        while not isinstance(event := self._next(), yaml.SequenceEndEvent):
+            values.append(self._value(event, (*path, len(values))))
+        return values
+
+    def _mapping(self, path: KeyPath) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        while not isinstance(event := self._next(), yaml.MappingEndEvent):
+            key = self._value(event, (*path, _KEY))
+            if not isinstance(key, str):
+                raise self._at(event, "a key must be a plain text")
+            if key in values:
+                raise self._at(event, f"key {key!r} stands twice")
+            self._keys[*path, key] = _mark_of(event.start_mark)
+            values[key] = self._value(self._next(), (*path, key))
+        return values
+
+    def _scalar(self, event: Any) -> Any:
+        text: str = event.value
+        if not event.implicit[0]:  # quoted, or a block
+            return text
+        if text.lower() in _WORDS and text in (text.lower(), text.upper(), text.capitalize()):
+            return _WORDS[text.lower()]
+        if _INTEGER.fullmatch(text):
+            if len(text) > MAX_DIGITS:
+                raise self._at(event, f"a number of more than {MAX_DIGITS} digits")
+            return int(text)
+        if _FLOAT.fullmatch(text) and any(character.isdigit() for character in text):
+            return self._float(event)
+        return text
+
+    def _float(self, event: Any) -> float:
+        try:
+            value = float(event.value)
+        except ValueError:  # `e5`: digits in the exponent alone
+            return event.value  # type: ignore[no-any-return]
+        if not math.isfinite(value):
+            raise self._at(event, "a number too large to hold")
+        return value
+
+
+def _mark_of(mark: Any) -> Mark:
+    return Mark(mark.line + 1, mark.column + 1)
