@@ -1,0 +1,133 @@
+"""JSON as the registry keeps it: text in columns, and the append-only rows and atomic documents of a run."""
+
+import json
+import os
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO, NoReturn
+
+from paddlectl.errors import IntegrityError, PaddlectlError
+from paddlectl.registry.objects import write_atomically
+
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
+_BLOCK = 65536
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(f"{constant} is no number")
+
+
+_ENCODER = json.JSONEncoder(allow_nan=False)
+_DECODER = json.JSONDecoder(parse_constant=_refuse)
+
+
+def to_json(value: Any, what: str) -> str:
+    """One line of JSON; `what` says in the message what the value is.
+
+    Raises:
+        PaddlectlError: If a number in it is NaN or infinite.
+    """
+    try:
+        return _ENCODER.encode(value)
+    except ValueError as error:
+        raise PaddlectlError(f"{what} can't be stored: {error}") from error
+
+
+def from_json(text: str | bytes, what: str) -> Any:
+    """The value of a JSON text.
+
+    Raises:
+        IntegrityError: If it isn't one that `to_json` could have written.
+    """
+    try:
+        return _DECODER.decode(text if isinstance(text, str) else text.decode())
+    except (ValueError, RecursionError) as error:
+        raise IntegrityError(f"{what} is damaged: {error}", "restore it from a copy") from error
+
+
+def append_rows(folder: Path, name: str, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Adds rows to `<name>.jsonl`, all or none of them refused.
+
+    A row that an earlier, killed writer left half-written is cut off first; it was never acknowledged.
+    Rows survive the death of the process at once, and a loss of power from `sync_files` on.
+    """
+    path = _file(folder, name, "jsonl")
+    text = "".join(to_json(dict(row), str(path)) + "\n" for row in rows)
+    if not text:
+        return
+    with path.open("a+b") as file:
+        whole = _whole_length(file)
+        file.truncate(whole)
+        try:
+            file.write(text.encode())
+            file.flush()
+        except OSError:
+            os.ftruncate(file.fileno(), whole)
+            raise
+
+
+def read_rows(folder: Path, name: str) -> list[dict[str, Any]]:
+    """The rows of `<name>.jsonl`; empty if there is no such file, without a half-written last row.
+
+    Raises:
+        IntegrityError: If a whole line isn't a JSON object.
+    """
+    path = _file(folder, name, "jsonl")
+    try:
+        lines = path.read_bytes().split(b"\n")[:-1]
+    except FileNotFoundError:
+        return []
+    return [_row(line, f"{path}:{number}") for number, line in enumerate(lines, 1)]
+
+
+def write_document(folder: Path, name: str, document: Any) -> None:
+    """Writes or replaces `<name>.json` whole."""
+    path = _file(folder, name, "json")
+    write_atomically(path, to_json(document, str(path)).encode() + b"\n")
+
+
+def read_document(folder: Path, name: str) -> Any | None:
+    """The value in `<name>.json`, or None if there is no such file.
+
+    Raises:
+        IntegrityError: If the file isn't JSON.
+    """
+    path = _file(folder, name, "json")
+    try:
+        return from_json(path.read_bytes().rstrip(b"\n"), str(path))
+    except FileNotFoundError:
+        return None
+
+
+def sync_files(folder: Path) -> None:
+    """Forces every file of the folder to the disk."""
+    for path in folder.iterdir():
+        with path.open("rb") as file:
+            os.fsync(file.fileno())
+
+
+def _file(folder: Path, name: str, suffix: str) -> Path:
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"not a name for a run's file: {name!r}")
+    return folder / f"{name}.{suffix}"
+
+
+def _row(line: bytes, where: str) -> dict[str, Any]:
+    row = from_json(line, where)
+    if not isinstance(row, dict):
+        raise IntegrityError(f"{where} is damaged: not a JSON object", "restore it from a copy")
+    return row
+
+
+def _whole_length(file: BinaryIO) -> int:
+    """Bytes up to and with the last line end."""
+    end = file.seek(0, os.SEEK_END)
+    while end:
+        start = max(0, end - _BLOCK)
+        file.seek(start)
+        found = file.read(end - start).rfind(b"\n")
+        if found >= 0:
+            return start + found + 1
+        end = start
+    return 0

@@ -1,0 +1,82 @@
+"""Faults of the database and the disk, told as what they mean for the user."""
+
+import errno
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sqlalchemy.exc import DBAPIError
+
+from paddlectl.errors import IntegrityError, PaddlectlError, RegistryBusyError
+
+_NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_NOT_ALLOWED = {errno.EACCES, errno.EPERM, errno.EROFS}
+_BUSY = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
+_CLOSED = {sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_AUTH}
+
+
+@contextmanager
+def faults(place: str) -> Iterator[None]:
+    """Turns faults of SQLite and the file system in its block into children of PaddlectlError.
+
+    Args:
+        place: The registry's location, for the messages.
+
+    Raises:
+        RegistryBusyError: If another process held the database for too long.
+        IntegrityError: If the database is damaged.
+        PaddlectlError: If the disk is full, or the registry can't be written or opened.
+    """
+    try:
+        yield
+    except DBAPIError as error:
+        raise _database_fault(place, error.orig) from error
+    except sqlite3.Error as error:
+        raise _database_fault(place, error) from error
+    except OSError as error:
+        raise _system_fault(place, error) from error
+
+
+def _database_fault(place: str, error: BaseException | None) -> PaddlectlError:
+    # The low byte is the kind of fault. The driver's own errors, such as text that isn't UTF-8, have none.
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+    if code in _BUSY:
+        return busy(place)
+    if code == sqlite3.SQLITE_FULL:
+        return _full(place)
+    if code in _CLOSED:
+        return PaddlectlError(
+            f"the registry {place} can't be opened or written: {error}",
+            "check that it is there and that you may write to it",
+        )
+    if code == sqlite3.SQLITE_IOERR:
+        return PaddlectlError(f"the disk failed under the registry {place}: {error}", "nothing was changed")
+    return IntegrityError(
+        f"{place}/registry.db is damaged or no registry: {error}",
+        "restore it from a copy, or move the folder aside",
+    )
+
+
+def _system_fault(place: str, error: OSError) -> PaddlectlError:
+    if error.errno in _NO_SPACE:
+        return _full(place)
+    what = f"{error.strerror or error}: {error.filename or place}"
+    if error.errno in _NOT_ALLOWED:
+        return PaddlectlError(
+            f"no permission for the registry {place} ({what})", "check that you may write to it"
+        )
+    return PaddlectlError(f"the registry {place} can't be used ({what})")
+
+
+def busy(place: str) -> RegistryBusyError:
+    """The error for a registry that another process holds."""
+    return RegistryBusyError(
+        f"the registry {place} was held by another process for too long", "try again when that one is done"
+    )
+
+
+def _full(place: str) -> PaddlectlError:
+    return PaddlectlError(
+        f"the disk is full: nothing more fits into the registry {place}",
+        "free some space and run it again; what was stored before is whole",
+    )

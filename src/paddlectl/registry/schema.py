@@ -1,0 +1,125 @@
+"""The registry's tables, and the way from their rows to records."""
+
+from collections.abc import Sequence
+from types import NoneType
+from typing import Any
+
+from sqlalchemy import Column, Float, ForeignKey, Integer, MetaData, Select, Table, Text, func, select
+
+from paddlectl.errors import IntegrityError
+from paddlectl.registry.documents import from_json
+from paddlectl.registry.records import PolicyRecord, RunRecord
+
+# Every revision in migrations/versions, oldest first. Kept here so that reading needs no alembic.
+REVISIONS = ("0001",)
+
+# Named, because SQLite's batch migrations can only change constraints that have names.
+metadata = MetaData(
+    naming_convention={
+        "pk": "pk_%(table_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
+        "ix": "ix_%(table_name)s_%(column_0_name)s",
+    }
+)
+
+runs = Table(
+    "runs",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("kind", Text, nullable=False),
+    Column("method", Text, nullable=False),
+    Column("task", Text, nullable=False),
+    Column("scenario", Text),
+    Column("sources", Text, nullable=False),
+    Column("seed", Integer, nullable=False),
+    Column("status", Text, nullable=False),
+    Column("settings", Text, nullable=False),
+    Column("versions", Text, nullable=False),
+    Column("frames", Integer, nullable=False),
+    Column("episodes", Integer, nullable=False),
+    Column("seconds", Float, nullable=False),
+    Column("results", Text, nullable=False),
+    Column("created", Text, nullable=False),
+    Column("finished", Text),
+    sqlite_autoincrement=True,
+)
+
+policies = Table(
+    "policies",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("run", Integer, ForeignKey("runs.id"), nullable=False, index=True),
+    Column("task", Text, nullable=False, index=True),
+    Column("domain", Text, nullable=False),
+    Column("method", Text, nullable=False),
+    Column("seed", Integer, nullable=False),
+    Column("frames", Integer, nullable=False),
+    Column("program", Text, nullable=False),
+    Column("checkpoint", Text, nullable=False),
+    Column("success_rate", Float, nullable=False),
+    Column("mean_score", Float, nullable=False),
+    Column("mean_length", Float, nullable=False),
+    Column("crispness", Float, nullable=False),
+    Column("created", Text, nullable=False),
+    Column("metadata", Text, nullable=False),
+    sqlite_autoincrement=True,
+)
+
+_VALUES = {"INTEGER": int, "FLOAT": float, "TEXT": str}
+
+
+def _expected(table: Table) -> list[tuple[type, ...]]:
+    kinds = [_VALUES[str(column.type)] for column in table.columns]
+    return [(kind, NoneType) if c.nullable else (kind,) for kind, c in zip(kinds, table.columns, strict=True)]
+
+
+_RUN_FIELDS = [*runs.columns.keys(), "policy"]
+_RUN_TYPES = [*_expected(runs), (int, NoneType)]
+_POLICY_TYPES = _expected(policies)
+
+
+def select_runs() -> Select[Any]:
+    """Runs with their newest policy, as `run_record` takes them."""
+    last = func.max(policies.c.id).label("policy")
+    newest = select(policies.c.run, last).group_by(policies.c.run).subquery()
+    return select(*runs.columns, newest.c.policy).outerjoin(newest, newest.c.run == runs.c.id)
+
+
+def run_record(row: Sequence[Any]) -> RunRecord:
+    """A record of one row of `select_runs`.
+
+    Raises:
+        IntegrityError: If the row holds what was never stored.
+    """
+    _check(row, _RUN_TYPES, "runs")
+    values = dict(zip(_RUN_FIELDS, row, strict=True))
+    name = f"run-{values['id']}"
+    for field, kind in (("sources", list), ("settings", dict), ("versions", dict), ("results", dict)):
+        values[field] = _stored(kind, values[field], name)
+    policy = None if values["policy"] is None else f"policy-{values['policy']}"
+    return RunRecord(**values | {"id": name, "policy": policy, "sources": tuple(values["sources"])})
+
+
+def policy_record(row: Sequence[Any]) -> PolicyRecord:
+    """A record of one row of `policies`.
+
+    Raises:
+        IntegrityError: If the row holds what was never stored.
+    """
+    _check(row, _POLICY_TYPES, "policies")
+    values = dict(zip(policies.columns.keys(), row, strict=True))
+    name = f"policy-{values['id']}"
+    extra = _stored(dict, values["metadata"], name)
+    return PolicyRecord(**values | {"id": name, "run": f"run-{values['run']}", "metadata": extra})
+
+
+def _check(row: Sequence[Any], types: list[tuple[type, ...]], table: str) -> None:
+    if not all(map(isinstance, row, types)):
+        raise IntegrityError(f"row {row[0]!r} of {table} in registry.db is damaged", "restore it from a copy")
+
+
+def _stored(kind: type, text: str, name: str) -> Any:
+    value = from_json(text, f"{name} in registry.db")
+    if not isinstance(value, kind):
+        raise IntegrityError(f"{name} in registry.db is damaged", "restore it from a copy")
+    return value
