@@ -1,0 +1,224 @@
+"""The MiniGrid tasks in batches: B lanes as a structure of arrays, stepped without a loop over them.
+
+`env.PaddleEnv` is the same definition on MiniGrid's own objects; a test holds both to it.
+"""
+
+from functools import partial
+
+import numpy as np
+
+from paddlectl.tasks.base import Bools, Floats, Ints, Step, Task, Vocabulary
+from paddlectl.tasks.minigrid import symbols
+from paddlectl.tasks.minigrid.grid import (
+    ABSENT,
+    ACTIONS,
+    CELLS,
+    DELTA,
+    EFFECT_CODE,
+    EFFECT_ENTERS,
+    EFFECT_HELD,
+    EFFECT_LEAVES,
+    MOVE,
+    OUTCOME,
+    TURN,
+    Action,
+    Code,
+    Held,
+    Thing,
+    outcome_index,
+)
+from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, Spec, build_grid, draw_layouts
+from paddlectl.tasks.minigrid.observe import OBSERVATION_SIZE, Observer, obstacle_rows
+
+_POOL = 1024  # layouts drawn at once; independent of the lanes, so the draws are too
+
+
+def final_rewards() -> Floats:
+    """The reward of solving a task in step t, 1 - 0.9 t / T. [T + 1]"""
+    return (1 - 0.9 * np.arange(HORIZON + 1) / HORIZON).astype(np.float32)
+
+
+class State:
+    """n states of one task.
+
+    Attributes:
+        grid: Codes of the cells. [n, 120] uint8
+        agent: The agent's cell. [n]
+        facing: Its direction. [n]
+        held: What is in hand. [n]
+        where: Cell of each thing, or ABSENT. [n, 9]
+        facts: `symbols.encode` of the above. [n]
+        rows: `observe.obstacle_rows` of the grid. [n, 14]
+    """
+
+    def __init__(self, spec: Spec, layouts: Layouts) -> None:
+        self.grid = build_grid(spec, layouts.where)
+        self.agent = layouts.agent.copy()
+        self.facing = layouts.facing.copy()
+        self.where = layouts.where.copy()
+        self.held: Ints = np.zeros(len(self.agent), dtype=np.intp)
+        self.facts = symbols.encode(self.grid, self.where, self.held, self.agent)
+        self.rows = obstacle_rows(self.grid)
+
+    def assign(self, lanes: Ints, other: "State", chosen: slice) -> None:
+        """Overwrites the states of `lanes` with those `chosen` of another."""
+        for name, values in vars(self).items():
+            values[lanes] = getattr(other, name)[chosen]
+
+    def derive(self, lanes: Ints) -> None:
+        """Brings `facts` and `rows` of the lanes in line with their grid."""
+        grid = self.grid[lanes]
+        self.facts[lanes] = symbols.encode(grid, self.where[lanes], self.held[lanes], self.agent[lanes])
+        self.rows[lanes] = obstacle_rows(grid)
+
+
+class Engine:
+    """B lanes of one task (`tasks.base.Environment`).
+
+    Args:
+        spec: The task.
+        lanes: How many are stepped together.
+        seed: Of the layouts: equal seeds give the same layouts in the same order.
+        milestone_reward: What each milestone pays; 0 gives the sparse variant.
+    """
+
+    observation_size = OBSERVATION_SIZE
+    actions = ACTIONS
+
+    def __init__(self, spec: Spec, lanes: int, seed: int, milestone_reward: float = 0.1) -> None:
+        self.spec = spec
+        self.lanes = lanes
+        self._rng = np.random.default_rng(seed)
+        self._observer = Observer(lanes)
+        self._bases: Ints = np.arange(lanes) * CELLS
+
+        self._valuations = symbols.valuation_table(spec.atoms)
+        reached = symbols.reached_table(spec.things)
+        self._reached = reached.ravel()
+        self._available = symbols.available_table(spec.things).ravel()
+        self._solved = np.logical_and.reduce([reached[symbols.HEADS.index(head)] for head in spec.success])
+        self._milestones: Ints = np.zeros(symbols.FACTS, dtype=np.intp)
+        for i, head in enumerate(spec.milestones):
+            self._milestones |= reached[symbols.HEADS.index(head)].astype(np.intp) << i
+        count = np.bitwise_count(np.arange(1 << len(spec.milestones)))
+        self._milestone_rewards = (milestone_reward * count).astype(np.float32)
+        self._final_rewards = final_rewards()
+
+        self.t: Ints = np.zeros(lanes, dtype=np.intp)
+        self._earned: Ints = np.zeros(lanes, dtype=np.intp)
+        self._finished: Bools = np.zeros(lanes, dtype=np.bool_)
+        self._pool = State(spec, draw_layouts(spec, self._rng, _POOL))
+        self._used = 0
+        self.state = State(spec, draw_layouts(spec, np.random.default_rng(0), lanes))
+        self.reset()
+
+    def reset(self, lanes: Bools | None = None) -> None:
+        """Draws new layouts for the masked lanes; for all if None. [B]"""
+        waiting = np.arange(self.lanes) if lanes is None else np.flatnonzero(lanes)
+        self._restart(waiting)
+        while len(waiting):
+            if self._used == _POOL:
+                self._pool = State(self.spec, draw_layouts(self.spec, self._rng, _POOL))
+                self._used = 0
+            taken = slice(self._used, min(self._used + len(waiting), _POOL))
+            count = taken.stop - taken.start
+            self.state.assign(waiting[:count], self._pool, taken)
+            self._used += count
+            waiting = waiting[count:]
+
+    def set_layouts(self, layouts: Layouts) -> None:
+        """Starts all lanes from given layouts, one a lane."""
+        self.state = State(self.spec, layouts)
+        self._restart(np.arange(self.lanes))
+
+    def _restart(self, lanes: Ints) -> None:
+        self.t[lanes] = 0
+        self._earned[lanes] = 0
+        self._finished[lanes] = False
+
+    def step(self, actions: Ints) -> Step:
+        """Applies one action a lane. [B]
+
+        Raises:
+            ValueError: If an action isn't one of the seven.
+        """
+        if actions.min() < 0 or actions.max() >= ACTIONS:
+            raise ValueError("an action lies in 0..6")
+        running = ~self._finished
+        self._act(np.where(running, actions, Action.STAY))
+        self.t += running
+
+        facts = self.state.facts
+        new = self._milestones.take(facts) & ~self._earned
+        self._earned |= new
+        terminated = self._solved.take(facts) & running
+        truncated = (self.t >= HORIZON) & running & ~terminated
+        self._finished |= terminated
+        self._finished |= truncated
+        score = self._final_rewards.take(self.t) * terminated
+        return Step(self._milestone_rewards.take(new) + score, score, terminated, truncated)
+
+    def _act(self, actions: Ints) -> None:
+        """Turns and moves all lanes; the few that change their grid are then treated by themselves."""
+        state = self.state
+        TURN.take(actions * 4 + state.facing, out=state.facing, mode="clip")
+        front = state.agent + DELTA.take(state.facing)
+        code = state.grid.take(self._bases + front)
+        outcome = OUTCOME.take(outcome_index(actions, state.held, code))
+        np.copyto(state.agent, front, where=outcome == MOVE)
+        changed = np.flatnonzero(outcome > MOVE)
+        if len(changed):
+            self._change(changed, front.take(changed), outcome.take(changed))
+        if Thing.GOAL in self.spec.things:
+            self._mark_goal()
+
+    def _change(self, lanes: Ints, front: Ints, outcome: Ints) -> None:
+        """Lets each lane's effect happen to its cell in front. [n]"""
+        state = self.state
+        state.grid[lanes, front] = EFFECT_CODE.take(outcome)
+        held = EFFECT_HELD.take(outcome)
+        state.held[lanes] = held = np.where(held < 0, state.held.take(lanes), held)
+        state.where[lanes, EFFECT_ENTERS.take(outcome)] = front
+        state.where[lanes, EFFECT_LEAVES.take(outcome)] = ABSENT
+        if self.spec.passage is Passage.GAP:
+            opened = lanes[held == Held.KEY]
+            state.grid[opened, state.where[opened, Thing.PASSAGE]] = Code.OPEN
+        state.derive(lanes)
+
+    def _mark_goal(self) -> None:
+        """The one fact that a mere step can change."""
+        state = self.state
+        state.facts &= ~int(symbols.Fact.ON_GOAL)
+        state.facts |= (state.agent == state.where[:, Thing.GOAL]) * int(symbols.Fact.ON_GOAL)
+
+    def valuation(self) -> Bools:
+        """E(s): the truth of every atom of the vocabulary, in its order. [B, P]"""
+        return self._valuations.take(self.state.facts, axis=0)
+
+    def observe(self, heads: Ints) -> Floats:
+        """What the low level sees (`tasks.minigrid.observe`). [B, 81]"""
+        s = self.state
+        return self._observer(s.grid, s.rows, s.agent, s.facing, s.held, s.where, heads)
+
+    def reached(self, heads: Ints) -> Bools:
+        """Whether each lane's subgoal holds in the present state. [B]"""
+        return self._reached.take(heads * symbols.FACTS + self.state.facts)
+
+    def available(self, heads: Ints) -> Bools:
+        """Whether each lane's subgoal has something to act on and doesn't hold already. [B]"""
+        return self._available.take(heads * symbols.FACTS + self.state.facts)
+
+
+def make_task(name: str, milestone_reward: float = 0.1) -> Task:
+    """The task of that name."""
+    spec = SPECS[name]
+    return Task(
+        name=name,
+        domain="minigrid",
+        summary=spec.summary,
+        horizon=HORIZON,
+        vocabulary=Vocabulary(spec.atoms, symbols.exclusions(spec.atoms)),
+        heads=spec.heads,
+        domain_heads=symbols.HEADS,
+        make=partial(Engine, spec, milestone_reward=milestone_reward),
+    )

@@ -1,0 +1,212 @@
+"""The seven MiniGrid tasks as data, and how their layouts are drawn.
+
+An eighth task of the same kind is one more entry in SPECS.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from paddlectl.logic.atoms import Atom
+from paddlectl.tasks.base import Ints
+from paddlectl.tasks.minigrid import symbols as s
+from paddlectl.tasks.minigrid.grid import ABSENT, CODE_OF_THING, HEIGHT, MIDDLE, WIDTH, Code, Thing
+
+HORIZON = 320
+
+
+class Passage(Enum):
+    """What fills the way between the rooms at first."""
+
+    LOCKED = Code.LOCKED  # opened by toggle with the key in hand
+    CLOSED = Code.CLOSED  # opened by toggle
+    GAP = Code.GAP  # opens when the key is first picked up
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A task.
+
+    Attributes:
+        name: As typed on the command line.
+        summary: One line for a reader.
+        passage: What fills the way between the rooms.
+        near: Things in the room of the agent. The blockage stands before the passage; a box holds the key.
+        far: Things in the other room.
+        milestones: Subgoals that pay once an episode, when they first hold.
+        success: Subgoals that solve the task when all of them hold.
+        atoms: The vocabulary, in order.
+        heads: The subgoals that programs may name.
+    """
+
+    name: str
+    summary: str
+    passage: Passage
+    near: tuple[Thing, ...]
+    far: tuple[Thing, ...]
+    milestones: tuple[Atom, ...]
+    success: tuple[Atom, ...]
+    atoms: tuple[Atom, ...]
+    heads: tuple[Atom, ...]
+
+    @property
+    def things(self) -> tuple[Thing, ...]:
+        return self.near + self.far
+
+
+_DOOR = (s.KEY_IN_HAND, s.KEY_IN_SIGHT, s.OPEN, s.BLOCKED)
+_DOOR_BALL = (s.KEY_IN_HAND, s.KEY_IN_SIGHT, s.BALL_IN_HAND, s.OPEN, s.BLOCKED)
+_BLOCKED = (s.KEY_IN_HAND, s.KEY_IN_SIGHT, s.BLOCKAGE_IN_HAND, s.BALL_IN_HAND, s.OPEN, s.BLOCKED)
+_UNLOCK = (s.GT_BLOCKAGE, s.PUT_BLOCKAGE, s.GT_BOX, s.GT_KEY, s.GT_DOOR, s.PUT_KEY, s.GT_BALL)
+
+SPECS = {
+    spec.name: spec
+    for spec in (
+        Spec(
+            name="BlockedDoor",
+            summary="Clear the yellow ball from the locked door, fetch the key, open the door.",
+            passage=Passage.LOCKED,
+            near=(Thing.BLOCKAGE, Thing.KEY),
+            far=(),
+            milestones=(s.PUT_BLOCKAGE,),
+            success=(s.GT_DOOR,),
+            atoms=(s.KEY_IN_HAND, s.KEY_IN_SIGHT, s.BLOCKAGE_IN_HAND, s.OPEN, s.BLOCKED),
+            heads=(s.GT_BLOCKAGE, s.PUT_BLOCKAGE, s.GT_KEY, s.GT_DOOR),
+        ),
+        Spec(
+            name="GapBall",
+            summary="Take the key out of its box, which opens the gap; fetch the green ball.",
+            passage=Passage.GAP,
+            near=(Thing.BOX,),
+            far=(Thing.BALL,),
+            milestones=(s.GT_KEY,),
+            success=(s.GT_BALL,),
+            atoms=_DOOR_BALL,
+            heads=(s.GT_BOX, s.GT_KEY, s.PUT_KEY, s.GT_BALL),
+        ),
+        Spec(
+            name="DoorBall",
+            summary="Fetch the key, open the locked door, put the key down, fetch the green ball.",
+            passage=Passage.LOCKED,
+            near=(Thing.KEY,),
+            far=(Thing.BALL,),
+            milestones=(s.GT_DOOR,),
+            success=(s.GT_BALL,),
+            atoms=_DOOR_BALL,
+            heads=(s.GT_KEY, s.GT_DOOR, s.PUT_KEY, s.GT_BALL),
+        ),
+        Spec(
+            name="OpenGoal",
+            summary="Open the unlocked door and go to the goal; the key is of no use.",
+            passage=Passage.CLOSED,
+            near=(Thing.KEY,),
+            far=(Thing.GOAL,),
+            milestones=(),
+            success=(s.GT_GOAL,),
+            atoms=_DOOR,
+            heads=(s.GT_KEY, s.GT_DOOR, s.PUT_KEY, s.GT_GOAL),
+        ),
+        Spec(
+            name="BoxDoor",
+            summary="Take the key out of its box, open the locked door.",
+            passage=Passage.LOCKED,
+            near=(Thing.BOX,),
+            far=(),
+            milestones=(s.GT_KEY,),
+            success=(s.GT_DOOR,),
+            atoms=_DOOR,
+            heads=(s.GT_BOX, s.GT_KEY, s.GT_DOOR),
+        ),
+        Spec(
+            name="BlockedBoxUnlockPickup",
+            summary="Clear the door, take the key out of its box, open the door, fetch the green ball.",
+            passage=Passage.LOCKED,
+            near=(Thing.BLOCKAGE, Thing.BOX),
+            far=(Thing.BALL,),
+            milestones=(s.PUT_BLOCKAGE, s.GT_KEY, s.GT_DOOR),
+            success=(s.GT_BALL,),
+            atoms=_BLOCKED,
+            heads=_UNLOCK,
+        ),
+        Spec(
+            name="BlockedBoxPlaceGoal",
+            summary="The same door; then the yellow ball on the yellow tile, the green ball on the red tile.",
+            passage=Passage.LOCKED,
+            near=(Thing.BLOCKAGE, Thing.BOX, Thing.YELLOW_TILE),
+            far=(Thing.BALL, Thing.RED_TILE),
+            milestones=(s.PLACE_BLOCKAGE, s.GT_KEY, s.GT_DOOR),
+            success=(s.PLACE_BLOCKAGE, s.PLACE_BALL),
+            atoms=(*_BLOCKED, s.BLOCKAGE_PLACED),
+            heads=(*_UNLOCK, s.PLACE_BLOCKAGE, s.PLACE_BALL),
+        ),
+    )
+}
+
+
+class Layouts(NamedTuple):
+    """n starting positions of one task.
+
+    Attributes:
+        agent: The agent's cell. [n]
+        facing: Its direction. [n]
+        where: Cell of each thing, or ABSENT. [n, 9]
+    """
+
+    agent: Ints
+    facing: Ints
+    where: Ints
+
+
+_ROOM = 6  # rooms are 6 x 6 cells
+_START = 3  # the agent starts in the first columns, away from the passage
+
+
+def draw_layouts(spec: Spec, rng: np.random.Generator, count: int) -> Layouts:
+    """Draws layouts, every one of which can be solved.
+
+    Both cells beside the passage stay free but for the blockage. Everything else that could be in the way
+    can be opened or carried off, but for a tile; and no cell depends on the one way that a single tile shuts.
+    """
+    row = rng.integers(_ROOM, size=count)
+    where: Ints = np.full((count, len(Thing)), ABSENT)
+    where[:, Thing.PASSAGE] = _cell(MIDDLE, row)
+    if Thing.BLOCKAGE in spec.near:
+        where[:, Thing.BLOCKAGE] = _cell(MIDDLE - 1, row)
+    scattered = [thing for thing in spec.near if thing is not Thing.BLOCKAGE]
+    order = _shuffled(rng, row * _ROOM + _ROOM - 1)
+    where[:, scattered] = _cell(1 + order % _ROOM, order // _ROOM)[:, : len(scattered)]
+    rest = order[:, len(scattered) :]
+    start = np.take_along_axis(rest, np.argmax(rest % _ROOM < _START, axis=1)[:, None], axis=1)[:, 0]
+    if spec.far:
+        order = _shuffled(rng, row * _ROOM)
+        where[:, list(spec.far)] = _cell(MIDDLE + 1 + order % _ROOM, order // _ROOM)[:, : len(spec.far)]
+    return Layouts(_cell(1 + start % _ROOM, start // _ROOM), rng.integers(4, size=count), where)
+
+
+def build_grid(spec: Spec, where: Ints) -> np.ndarray:
+    """The codes of all cells at the start. [n, 120] uint8"""
+    grid = np.zeros((len(where), HEIGHT, WIDTH), dtype=np.uint8)
+    grid[:, [0, -1]] = Code.WALL
+    grid[:, :, [0, MIDDLE, -1]] = Code.WALL
+    flat = grid.reshape(len(where), -1)
+    lanes = np.arange(len(where))
+    flat[lanes, where[:, Thing.PASSAGE]] = spec.passage.value
+    for thing in spec.things:
+        flat[lanes, where[:, thing]] = CODE_OF_THING[thing]
+    return flat
+
+
+def _cell(x: Ints | int, row: Ints) -> Ints:
+    """The cell of a column and a row counted from a room's first."""
+    cell: Ints = (row + 1) * WIDTH + x
+    return cell
+
+
+def _shuffled(rng: np.random.Generator, kept_free: Ints) -> Ints:
+    """The 36 cells of a room in random order, the one kept free last. [n, 36]"""
+    keys = rng.random((len(kept_free), _ROOM * _ROOM))
+    np.put_along_axis(keys, kept_free[:, None], 2.0, axis=1)
+    order: Ints = np.argsort(keys, axis=1)
+    return order
