@@ -1,6 +1,6 @@
 """The registry's tables, and the way from their rows to records."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from types import NoneType
 from typing import Any
 
@@ -74,30 +74,38 @@ def _expected(table: Table) -> list[tuple[type, ...]]:
 
 
 _RUN_FIELDS = [*runs.columns.keys(), "policy"]
+_RUN_JSON = [("sources", list), ("settings", dict), ("versions", dict), ("results", dict)]
 _RUN_TYPES = [*_expected(runs), (int, NoneType)]
 _POLICY_TYPES = _expected(policies)
 
 
 def select_runs() -> Select[Any]:
-    """Runs with their newest policy, as `run_record` takes them."""
+    """Runs with their newest policy, as `run_records` takes them."""
     last = func.max(policies.c.id).label("policy")
     newest = select(policies.c.run, last).group_by(policies.c.run).subquery()
     return select(*runs.columns, newest.c.policy).outerjoin(newest, newest.c.run == runs.c.id)
 
 
-def run_record(row: Sequence[Any]) -> RunRecord:
-    """A record of one row of `select_runs`.
+def run_records(rows: Iterable[Sequence[Any]]) -> list[RunRecord]:
+    """Records of rows of `select_runs`. Those with equal settings or versions share them.
 
     Raises:
-        IntegrityError: If the row holds what was never stored.
+        IntegrityError: If a row holds what was never stored.
     """
+    known: dict[str, Any] = {}
+    return [_run_record(row, known) for row in rows]
+
+
+def _run_record(row: Sequence[Any], known: dict[str, Any]) -> RunRecord:
     _check(row, _RUN_TYPES, "runs")
     values = dict(zip(_RUN_FIELDS, row, strict=True))
     name = f"run-{values['id']}"
-    for field, kind in (("sources", list), ("settings", dict), ("versions", dict), ("results", dict)):
-        values[field] = _stored(kind, values[field], name)
-    policy = None if values["policy"] is None else f"policy-{values['policy']}"
-    return RunRecord(**values | {"id": name, "policy": policy, "sources": tuple(values["sources"])})
+    for field, kind in _RUN_JSON:
+        values[field] = _stored(kind, values[field], name, known)
+    values["id"] = name
+    values["sources"] = tuple(values["sources"])
+    values["policy"] = None if values["policy"] is None else f"policy-{values['policy']}"
+    return RunRecord(**values)
 
 
 def policy_record(row: Sequence[Any]) -> PolicyRecord:
@@ -109,7 +117,7 @@ def policy_record(row: Sequence[Any]) -> PolicyRecord:
     _check(row, _POLICY_TYPES, "policies")
     values = dict(zip(policies.columns.keys(), row, strict=True))
     name = f"policy-{values['id']}"
-    extra = _stored(dict, values["metadata"], name)
+    extra = _stored(dict, values["metadata"], name, {})
     return PolicyRecord(**values | {"id": name, "run": f"run-{values['run']}", "metadata": extra})
 
 
@@ -118,8 +126,9 @@ def _check(row: Sequence[Any], types: list[tuple[type, ...]], table: str) -> Non
         raise IntegrityError(f"row {row[0]!r} of {table} in registry.db is damaged", "restore it from a copy")
 
 
-def _stored(kind: type, text: str, name: str) -> Any:
-    value = from_json(text, f"{name} in registry.db")
-    if not isinstance(value, kind):
+def _stored(kind: type, text: str, name: str, known: dict[str, Any]) -> Any:
+    if text not in known:
+        known[text] = from_json(text, f"{name} in registry.db")
+    if not isinstance(known[text], kind):
         raise IntegrityError(f"{name} in registry.db is damaged", "restore it from a copy")
-    return value
+    return known[text]

@@ -16,7 +16,7 @@ from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, Usag
 from paddlectl.registry import database, documents, objects
 from paddlectl.registry.faults import faults
 from paddlectl.registry.records import RUN_STATES, PolicyRecord, RunRecord
-from paddlectl.registry.schema import REVISIONS, policies, policy_record, run_record, runs, select_runs
+from paddlectl.registry.schema import REVISIONS, policies, policy_record, run_records, runs, select_runs
 
 _ID = re.compile(r"(run|policy)-([1-9][0-9]{0,17})")
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
@@ -155,7 +155,7 @@ class Registry:
     def runs(self) -> list[RunRecord]:
         """All runs, newest first."""
         with self._transaction(self._reading) as connection:
-            return [run_record(row) for row in connection.execute(select_runs().order_by(runs.c.id.desc()))]
+            return run_records(connection.execute(select_runs().order_by(runs.c.id.desc())))
 
     # Policies
 
@@ -294,7 +294,7 @@ def _find_run(connection: Connection, name: str) -> RunRecord:
     if row is None:
         known = [f"run-{i}" for i in connection.scalars(select(runs.c.id))]
         raise NotFoundError(f"no run {_shown(name)}", _nearest(name, known) + "run: paddlectl runs")
-    return run_record(row)
+    return run_records([row])[0]
 
 
 def _find_policy(connection: Connection, number: int) -> PolicyRecord:
