@@ -1,0 +1,130 @@
+"""The command line: its commands, and the one place where errors become exit codes.
+
+Nothing here or at the top of a command's file imports more than Typer and the standard library,
+so that `--help` and completion stay quick.
+"""
+
+import os
+import signal
+import sys
+from types import FrameType
+from typing import NoReturn
+
+import typer
+
+from paddlectl.cli import evaluate, explain, policies, runs, show, similarity, tasks, train, transfer
+from paddlectl.errors import PaddlectlError
+
+INTERRUPTED = 130
+TERMINATED = 143
+
+app = typer.Typer(
+    name="paddlectl",
+    help="Transfer between reinforcement-learning tasks by logic and performance similarity.",
+    epilog="Example: paddlectl train BoxDoor && paddlectl show BoxDoor",
+    pretty_exceptions_enable=False,
+    pretty_exceptions_show_locals=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for command in (tasks, train, evaluate, policies, runs, show, similarity, transfer, explain):
+    name = command.__name__.rpartition(".")[2]
+    app.command(name, epilog=command.EXAMPLE)(getattr(command, name))
+
+
+def main() -> int:
+    """Runs one command of the command line and gives its exit code; no exception leaves but SystemExit."""
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        code = _run(sys.argv[1:] or ["--help"])
+        sys.stdout.flush()
+    except BrokenPipeError:
+        code = _reader_left()
+    return TERMINATED if _Terminated.seen else code
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM; what cleans up after ^C cleans up after it as well."""
+
+    seen = False
+
+
+def _terminate(_signal: int, _frame: FrameType | None) -> NoReturn:
+    _Terminated.seen = True
+    raise _Terminated
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        result = app(args=arguments, prog_name="paddlectl", standalone_mode=False)
+    except PaddlectlError as error:
+        return _told(error.message, error.hint, error.exit_code)
+    except typer.TyperException as error:
+        return _told(*_usage(error), error.exit_code)
+    except (KeyboardInterrupt, typer.Abort):
+        return INTERRUPTED
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        return _told(_system(error), "", 1)
+    except Exception as error:
+        return _unexpected(error)
+    code = result if isinstance(result, int) else 0
+    if code == INTERRUPTED:
+        print("interrupted", file=sys.stderr)
+    return code
+
+
+def _told(message: str, hint: str, code: int) -> int:
+    from paddlectl.cli.texts import one_line
+
+    print(f"error: {one_line(message)}", file=sys.stderr)
+    if hint:
+        print(one_line(hint), file=sys.stderr)
+    return code
+
+
+def _usage(error: typer.TyperException) -> tuple[str, str]:
+    """Typer's own complaint, with the nearest name if it knows some."""
+    possible = getattr(error, "possibilities", None)
+    message = error.message if possible else error.format_message()
+    near = f"; did you mean {possible[0]}?" if possible else ""
+    context = getattr(error, "ctx", None)
+    return f"{message}{near}", f"run: {context.command_path} --help" if context else "run: paddlectl --help"
+
+
+def _system(error: OSError) -> str:
+    what = error.strerror or str(error) or type(error).__name__
+    return f"{what}: {os.fsdecode(error.filename)}" if error.filename else what
+
+
+def _unexpected(error: Exception) -> int:
+    import traceback
+
+    if os.environ.get("PADDLECTL_DEBUG"):
+        traceback.print_exception(error)
+        return 1
+    log = _write_log("".join(traceback.format_exception(error)))
+    return _told(f"unexpected {type(error).__name__}: {error}", f"the details are in {log}" if log else "", 1)
+
+
+def _write_log(text: str) -> str | None:
+    import tempfile
+
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="paddlectl-", suffix=".log", delete=False, encoding="utf-8", errors="replace"
+        ) as log:
+            log.write(text)
+    except OSError:
+        return None
+    return log.name
+
+
+def _reader_left() -> int:
+    """The reader of a pipe has gone (`| head`): says nothing, and lets nothing be said at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

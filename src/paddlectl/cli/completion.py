@@ -1,0 +1,51 @@
+"""What the shell is offered: tasks, policies, runs, files; silence if there is trouble."""
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def _quiet(offers: Callable[..., list[T]]) -> Callable[..., list[T]]:
+    @wraps(offers)
+    def guarded(*arguments: str | None) -> list[T]:
+        try:
+            return offers(*arguments)
+        except Exception:
+            return []  # a completion that fails must not write into the user's prompt
+
+    return guarded
+
+
+@_quiet
+def task_names() -> list[str]:
+    from paddlectl.tasks.suite import names
+
+    return list(names())
+
+
+@_quiet
+def policy_names(registry: str | None) -> list[tuple[str, str]]:
+    from paddlectl.registry.store import Registry
+
+    policies = Registry.open(registry or "registry", create=False).policies()
+    best = [(task, "its best policy") for task in dict.fromkeys(policy.task for policy in policies)]
+    return best + [(policy.id, f"{policy.task}, {policy.method}") for policy in policies]
+
+
+@_quiet
+def run_names(registry: str | None) -> list[tuple[str, str]]:
+    from paddlectl.registry.store import Registry
+
+    runs = Registry.open(registry or "registry", create=False).runs()
+    return [("latest", "the newest transfer")] + [(run.id, f"{run.method} on {run.task}") for run in runs]
+
+
+@_quiet
+def scenario_files(incomplete: str) -> list[str]:
+    folder = Path(incomplete).parent if not incomplete.endswith("/") else Path(incomplete)
+    found = [path for path in folder.iterdir() if path.is_dir() or path.suffix in (".yaml", ".yml")]
+    shown = sorted(f"{path}/" if path.is_dir() else str(path) for path in found)
+    return [name for name in shown if not name.startswith(".")]

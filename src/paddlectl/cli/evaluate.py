@@ -1,0 +1,47 @@
+"""`paddlectl evaluate`."""
+
+from typing import Annotated
+
+import typer
+
+from paddlectl.cli.options import AsJson, PolicyName, RegistryPlace, complete_tasks
+
+EXAMPLE = "Example: paddlectl evaluate BoxDoor --episodes 200 --json"
+
+
+def evaluate(
+    policy: PolicyName,
+    task: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TASK",
+            autocompletion=complete_tasks,
+            help="Another task of the same domain; without: the policy's own.",
+            show_default=False,
+        ),
+    ] = None,
+    episodes: Annotated[int, typer.Option(min=1, max=1_000_000, metavar="N", help="Layouts to play.")] = 200,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**32 - 1, metavar="N", help="Decides the layouts.")
+    ] = 12345,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Play a policy on layouts that it never trained on."""
+    from paddlectl.cli.quiet import stdout_kept
+    from paddlectl.registry.store import Registry
+    from paddlectl.report.output import print_json, print_text
+    from paddlectl.report.tables import EVALUATED, table
+    from paddlectl.tasks.suite import load
+
+    name = load(task).name if task is not None else None
+    opened = Registry.open(registry, create=False)
+    record = opened.policy(policy)
+    with stdout_kept():
+        from paddlectl import experiments
+
+        row = experiments.evaluate(opened, record, name or record.task, episodes, seed)
+    if as_json:
+        print_json(row)
+    else:
+        print_text([table(EVALUATED, [row])])

@@ -1,0 +1,124 @@
+"""`paddlectl similarity`."""
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from paddlectl.cli.options import AsJson, RegistryPlace, complete_policies, complete_tasks
+from paddlectl.errors import NotFoundError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from paddlectl.registry.records import PolicyRecord
+    from paddlectl.registry.store import Registry
+    from paddlectl.tasks.base import Task
+
+EXAMPLE = (
+    "Example: paddlectl similarity --target BlockedBoxUnlockPickup --source BlockedDoor --source GapBall"
+)
+
+BODY_WEIGHT = 0.8
+
+
+def similarity(
+    target: Annotated[
+        str,
+        typer.Option(
+            metavar="TASK", autocompletion=complete_tasks, help="The task to learn.", show_default=False
+        ),
+    ],
+    source: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="POLICY",
+            autocompletion=complete_policies,
+            help="A policy's id or a task's name; repeat for more. Without: every other task's best policy.",
+            show_default=False,
+        ),
+    ] = None,
+    body_weight: Annotated[
+        float | None, typer.Option(metavar="SHARE", help="Share of the body in ψ (0.8).", show_default=False)
+    ] = None,
+    head_weight: Annotated[
+        float | None, typer.Option(metavar="SHARE", help="Share of the heads in ψ (0.2).", show_default=False)
+    ] = None,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Show Ψ: for each scene of the target the best scenes of each source, and their similarity ψ."""
+    from paddlectl.registry.store import Registry
+    from paddlectl.report.mapping import mapping_parts
+    from paddlectl.report.output import print_json, print_text
+    from paddlectl.tasks.suite import load
+
+    body, head = weights(body_weight, head_weight)
+    task = load(target)
+    opened = Registry.open(registry, create=False)
+    document = similarity_document(task, sources_for(opened, task, source or ()), body, head)
+    if as_json:
+        print_json(document)
+    else:
+        print_text(mapping_parts(document))
+
+
+def weights(body: float | None, head: float | None) -> tuple[float, float]:
+    """Both weights; one alone leaves the rest of 1 to the other.
+
+    Raises:
+        UsageError: If one is outside [0, 1], or the two don't add up to 1.
+    """
+    if body is None:
+        body = BODY_WEIGHT if head is None else 1.0 - head
+    if head is None:
+        head = round(1.0 - body, 12)
+    if not (0.0 <= body <= 1.0 and 0.0 <= head <= 1.0):
+        raise UsageError(f"a weight lies in [0, 1]: body {body:g}, head {head:g}")
+    if not math.isclose(body + head, 1.0, rel_tol=0.0, abs_tol=1e-9):
+        raise UsageError(f"the weights must add up to 1: body {body:g}, head {head:g}")
+    return body, head
+
+
+def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") -> "list[PolicyRecord]":
+    """The policies named, each once; without names the best one of every other task of the domain.
+
+    Raises:
+        NotFoundError: If a policy, or any policy of the domain, isn't there.
+        UsageError: If a policy is of another domain.
+    """
+    found = [registry.policy(name) for name in names] or _best_of_domain(registry, target)
+    if not found:
+        raise NotFoundError(
+            f"no policy of another {target.domain} task in {registry.location}",
+            "run: paddlectl train BoxDoor",
+        )
+    for policy in found:
+        if policy.domain != target.domain:
+            raise UsageError(
+                f"{policy.id} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}"
+            )
+    return list({policy.id: policy for policy in found}.values())
+
+
+def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":
+    solved = {policy.task for policy in registry.policies() if policy.domain == target.domain}
+    return [registry.policy(task) for task in sorted(solved - {target.name})]
+
+
+def similarity_document(
+    target: "Task", sources: "Sequence[PolicyRecord]", body_weight: float, head_weight: float
+) -> dict[str, Any]:
+    """Ψ of the target's complete clause set (Algorithm 1) against the sources' programs."""
+    from paddlectl.logic.clauses import scenes_of
+    from paddlectl.logic.templates import all_clauses
+    from paddlectl.report.programs import stored_program
+    from paddlectl.transfer.documents import mapping_document
+    from paddlectl.transfer.similarity import map_scenes
+
+    vocabulary = target.vocabulary
+    scenes = scenes_of(all_clauses(vocabulary.atoms, vocabulary.exclusions, target.heads))
+    programs = {policy.id: scenes_of(stored_program(policy).clauses) for policy in sources}
+    mapping = map_scenes(scenes, programs, body_weight, head_weight)
+    solved = {policy.id: policy.task for policy in sources}
+    return mapping_document(target.name, scenes, mapping, solved, body_weight, head_weight)

@@ -1,0 +1,76 @@
+"""`paddlectl train`."""
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from paddlectl.cli.options import (
+    AsJson,
+    ManySeeds,
+    OneSeed,
+    RegistryPlace,
+    chosen_seeds,
+    complete_tasks,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from paddlectl.experiments import TrainJob
+
+EXAMPLE = "Example: paddlectl train BlockedDoor GapBall --seed 0"
+
+
+def train(
+    task: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="TASK...",
+            autocompletion=complete_tasks,
+            help="Tasks to learn, side by side.",
+            show_default=False,
+        ),
+    ],
+    seed: OneSeed = None,
+    seeds: ManySeeds = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="At most so many environment steps.", show_default=False),
+    ] = None,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Train sources with the hybrid decision model and keep them in the registry."""
+    from paddlectl.report.output import print_json, print_text
+    from paddlectl.report.tables import TRAINED, table
+
+    rows = run_training(train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames), registry)
+    if as_json:
+        print_json({"runs": rows})
+    else:
+        print_text([table(TRAINED, rows, "Trained"), f"next: paddlectl show {rows[0]['policy']}"])
+
+
+def train_jobs(tasks: "Sequence[str]", seeds: "Sequence[int]", frames: int | None = None) -> "list[TrainJob]":
+    """One job for each task and seed, the tasks of one seed together.
+
+    Raises:
+        NotFoundError: If there is no such task.
+    """
+    from paddlectl.tasks.suite import load
+
+    names = list(dict.fromkeys(load(task).name for task in tasks))
+
+    from paddlectl.experiments import TrainJob
+
+    return [TrainJob(task=name, seed=seed, frames=frames) for seed in seeds for name in names]
+
+
+def run_training(jobs: "Sequence[TrainJob]", registry: str) -> list[dict[str, Any]]:
+    """Runs the jobs with their progress on stderr and gives their rows."""
+    from paddlectl.cli.quiet import stdout_kept
+    from paddlectl.experiments import run_jobs
+    from paddlectl.report.progress import progress
+
+    with stdout_kept(), progress([f"{job.task} seed {job.seed}" for job in jobs]) as report:
+        return run_jobs(jobs, registry, report)

@@ -1,0 +1,124 @@
+"""`paddlectl transfer`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from paddlectl.cli.options import (
+    AsJson,
+    ManySeeds,
+    OneSeed,
+    RegistryPlace,
+    chosen_seeds,
+    complete_scenarios,
+)
+from paddlectl.errors import NotFoundError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from paddlectl.experiments import TransferJob
+    from paddlectl.registry.store import Registry
+    from paddlectl.scenario import Scenario
+
+EXAMPLE = "Example: paddlectl transfer scenarios/A.yaml --seed 0 --frames 60000 --train-missing"
+
+
+def transfer(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE.yaml",
+            autocompletion=complete_scenarios,
+            help="A scenario: target, sources, method, seeds, frames.",
+            show_default=False,
+        ),
+    ],
+    method: Annotated[
+        str | None,
+        typer.Option(metavar="M", help="Instead of the scenario's: paddle or hdm.", show_default=False),
+    ] = None,
+    seed: OneSeed = None,
+    seeds: ManySeeds = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Environment steps, instead of the scenario's.", show_default=False
+        ),
+    ] = None,
+    train_missing: Annotated[
+        bool, typer.Option("--train-missing", help="Train the sources that the registry lacks.")
+    ] = False,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Learn a scenario's target, guided by policies of its sources."""
+    from paddlectl.cli.quiet import stdout_kept
+    from paddlectl.registry.store import Registry
+    from paddlectl.report.output import print_json, print_text
+    from paddlectl.report.progress import progress
+    from paddlectl.report.tables import TRANSFERRED, table
+    from paddlectl.scenario import load_scenario
+
+    scenario = load_scenario(file)
+    chosen = chosen_seeds(seed, seeds, scenario.seeds)
+    method = known_method(method or scenario.method)
+    opened = Registry.open(registry, create=train_missing)
+    sources = source_policies(opened, scenario, registry, train_missing)
+    with stdout_kept():
+        from paddlectl.experiments import run_jobs
+
+        jobs = transfer_jobs(scenario, sources, method, chosen, frames or scenario.frames)
+        with progress([f"{scenario.name} {method} seed {job.seed}" for job in jobs]) as report:
+            rows = run_jobs(jobs, registry, report)
+    if as_json:
+        print_json({"scenario": scenario.name, "target": scenario.target, "runs": rows})
+    else:
+        title = f"Scenario {scenario.name}: {scenario.target}"
+        print_text([table(TRANSFERRED, rows, title), f"next: paddlectl explain {rows[0]['run']}"])
+
+
+def known_method(method: str) -> str:
+    """The method itself.
+
+    Raises:
+        UsageError: If there is no such method.
+    """
+    from paddlectl.scenario import METHODS, unknown
+
+    if method not in METHODS:
+        raise UsageError(unknown("method", method, METHODS))
+    return method
+
+
+def source_policies(
+    registry: "Registry", scenario: "Scenario", location: str, train_missing: bool
+) -> tuple[str, ...]:
+    """Ids of the best policies of the scenario's sources; what is missing is trained if that was asked for.
+
+    Raises:
+        NotFoundError: If a source has no policy and none is to be trained.
+    """
+    solved = {policy.task for policy in registry.policies()}
+    missing = [task for task in scenario.sources if task not in solved]
+    if missing and not train_missing:
+        raise NotFoundError(
+            f"no policy for {', '.join(missing)}", f"run: paddlectl train {' '.join(missing)}"
+        )
+    if missing:
+        from paddlectl.cli.train import run_training, train_jobs
+
+        run_training(train_jobs(missing, (0,)), location)
+    return tuple(registry.policy(task).id for task in scenario.sources)
+
+
+def transfer_jobs(
+    scenario: "Scenario", sources: tuple[str, ...], method: str, seeds: "Sequence[int]", frames: int
+) -> "list[TransferJob]":
+    from paddlectl.experiments import TransferJob
+
+    return [
+        TransferJob(scenario=scenario, sources=sources, method=method, seed=seed, frames=frames)
+        for seed in seeds
+    ]

@@ -1,0 +1,285 @@
+"""An explanation for people: program, Ψ, who led in which scene and why, an episode decision by decision."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rich import box
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.rule import Rule
+from rich.table import Table
+from rich.text import Text
+
+from paddlectl.registry.records import RunRecord
+from paddlectl.report.explanation import PHASES, TARGET
+from paddlectl.report.mapping import Labels, labels_of, legend, mapping_table, scene_text
+from paddlectl.report.output import clean
+from paddlectl.report.programs import program_parts
+from paddlectl.report.tables import figure, percent
+
+RARE = 0.002  # share of all decisions below which a scene is only counted
+
+Document = Mapping[str, Any]
+
+
+def explanation_parts(document: Document, run: RunRecord) -> list[RenderableType]:
+    """Everything, from what the run was to its traced episodes."""
+    labels = labels_of(document["mapping"]) if document["mapping"] else Labels({})
+    scenes = scenes_met(document["weights"])
+    return [
+        *_header(run, labels),
+        *_program(document["program"], run),
+        *_psi(document["mapping"], scenes, labels),
+        *_guidance(document, scenes, labels),
+        *_episodes(document, labels),
+    ]
+
+
+def _header(run: RunRecord, labels: Labels) -> list[RenderableType]:
+    results = run.results
+    told = [
+        f"jump-start {figure(results['jump_start'])}" if "jump_start" in results else "",
+        f"final score {figure(results['final_score'])}" if "final_score" in results else "",
+        f"success {percent(results['success_rate'])}" if "success_rate" in results else "",
+    ]
+    sources = ", ".join(f"{labels(source)} ({clean(source)})" for source in run.sources) or "no sources"
+    return [
+        clean(f"{run.id}: {run.method} on {run.task}, seed {run.seed}, {run.frames:,} frames, {run.status}"),
+        f"sources: {sources}",
+        ", ".join(text for text in told if text),
+    ]
+
+
+def _program(program: Document | None, run: RunRecord) -> list[RenderableType]:
+    heading = _heading("Learned program")
+    if program is None:
+        return [heading, f"No policy was stored: the run is {clean(run.status)}."]
+    return [heading, *program_parts(dict(program))]
+
+
+def _psi(mapping: Document | None, scenes: "Sequence[SceneMet]", labels: Labels) -> list[RenderableType]:
+    if not mapping or not mapping["sources"]:
+        return []
+    known = {tuple(scene["body"]): scene for scene in mapping["scenes"]}
+    met = [known[scene.body] for scene in scenes if scene.body in known]
+    heading = _heading(
+        f"Ψ in the {len(met)} scenes met, of {len(mapping['scenes'])}; * marks the most similar"
+    )
+    return [heading, legend(known), mapping_table(met, labels)]
+
+
+# Who led where
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One policy in one scene and phase."""
+
+    policy: str
+    similarity: float | None
+    performance: float | None
+    weight: float | None
+    chosen: int
+    reached: int
+
+
+@dataclass(frozen=True)
+class SceneMet:
+    """What happened in one scene.
+
+    Attributes:
+        decisions: Phase -> how often the scene came up.
+        standings: Phase -> its policies, the one chosen most often first.
+    """
+
+    body: tuple[str, ...]
+    decisions: Mapping[str, int]
+    standings: Mapping[str, tuple[Standing, ...]]
+
+    @property
+    def total(self) -> int:
+        return sum(self.decisions.values())
+
+
+def scenes_met(rows: Iterable[Document]) -> list[SceneMet]:
+    """Groups the rows of weights.jsonl by scene, the most frequent first, without scenes that never came up."""
+    grouped: dict[tuple[str, ...], dict[str, dict[str, list[Document]]]] = {}
+    for row in rows:
+        phases = grouped.setdefault(tuple(row["scene"]), {})
+        phases.setdefault(row["phase"], {}).setdefault(row["policy"], []).append(row)
+    scenes = [_scene(body, phases) for body, phases in grouped.items()]
+    return sorted((scene for scene in scenes if scene.total), key=lambda scene: -scene.total)
+
+
+def _scene(body: tuple[str, ...], phases: Mapping[str, Mapping[str, Sequence[Document]]]) -> SceneMet:
+    decisions = {
+        phase: sum(row["decisions"] for row in next(iter(policies.values())))
+        for phase, policies in phases.items()
+    }
+    standings = {
+        phase: tuple(sorted((_standing(rows) for rows in policies.values()), key=lambda one: -one.chosen))
+        for phase, policies in phases.items()
+        if decisions[phase]
+    }
+    return SceneMet(body, decisions, standings)
+
+
+def _standing(rows: Sequence[Document]) -> Standing:
+    last = rows[-1]
+    return Standing(
+        last["policy"],
+        last["similarity"],
+        last["performance"],
+        last["weight"],
+        sum(row["chosen"] for row in rows),
+        sum(row["reached"] for row in rows),
+    )
+
+
+class Subgoals:
+    """The subgoals that a program picks in a target scene, by way of the scenes that Ψ maps it to."""
+
+    def __init__(self, document: Document) -> None:
+        programs = {program["policy"]: program for program in document["source_programs"]}
+        if document["program"]:
+            programs[TARGET] = document["program"]
+        self._best = {policy: _best_heads(program["clauses"]) for policy, program in programs.items()}
+        self._mapped = {
+            (tuple(scene["body"]), match["policy"]): [tuple(body) for body in match["scenes"]]
+            for scene in (document["mapping"] or {"scenes": ()})["scenes"]
+            for match in scene["matches"]
+        }
+
+    def __call__(self, policy: str, body: tuple[str, ...]) -> str:
+        bodies = self._mapped.get((body, policy), [body])
+        best = self._best.get(policy, {})
+        return clean(" or ".join(sorted({best[mapped] for mapped in bodies if mapped in best})))
+
+
+def _best_heads(clauses: Iterable[Document]) -> dict[tuple[str, ...], str]:
+    """Body -> the head of its most probable clause."""
+    rising = sorted(clauses, key=lambda clause: float(clause["probability"]))
+    return {tuple(clause["body"]): clause["head"] for clause in rising}
+
+
+def _guidance(document: Document, scenes: Sequence[SceneMet], labels: Labels) -> list[RenderableType]:
+    if not scenes:
+        return [_heading("Guidance"), "No decision was recorded."]
+    subgoals = Subgoals(document)
+    everything = sum(scene.total for scene in scenes)
+    shown = [scene for scene in scenes if scene.total >= RARE * everything]
+    parts: list[RenderableType] = [_heading("Who led in which scene, and why; * marks who was chosen most")]
+    for scene in shown:
+        parts += [
+            Text(scene_text(scene.body), "bold"),
+            *(Padding(sentence, (0, 0, 0, 2)) for sentence in sentences(scene, labels, subgoals)),
+            Padding(_standings_table(scene, labels), (0, 0, 0, 2)),
+        ]
+    rest = scenes[len(shown) :]
+    if rest:
+        seldom = sum(scene.total for scene in rest)
+        parts.append(f"{len(rest)} more scenes came up {seldom:,} times in all; --json tells of them.")
+    return parts
+
+
+def sentences(scene: SceneMet, labels: Labels, subgoals: Subgoals) -> list[str]:
+    """One sentence a phase: which policy was used in the scene, how often, and why it and not the next."""
+    return [
+        f"{phase.capitalize()}: {_sentence(scene, phase, labels, subgoals)}"
+        for phase in PHASES
+        if phase in scene.standings
+    ]
+
+
+def _sentence(scene: SceneMet, phase: str, labels: Labels, subgoals: Subgoals) -> str:
+    standings, decisions = scene.standings[phase], scene.decisions[phase]
+    leader = standings[0]
+    goal = subgoals(leader.policy, scene.body)
+    led = (
+        f"{_name(leader.policy, labels)} led {percent(leader.chosen / decisions)} of {decisions:,} decisions"
+    )
+    end = f"its subgoal {goal} was reached in" if goal else "its subgoal was reached in"
+    reached = percent(leader.reached / leader.chosen) if leader.chosen else "–"
+    return f"{led}: {_reason(leader, standings[1:], labels)}; {end} {reached}."
+
+
+def _reason(leader: Standing, others: Sequence[Standing], labels: Labels) -> str:
+    own = f"ψ {figure(leader.similarity)}, Φ {figure(leader.performance)}"
+    rivals = [other for other in others if other.weight is not None]
+    if leader.weight is None or not rivals:
+        return f"{own}, Λ {figure(leader.weight)}, with no rival"
+    rival = max(rivals, key=lambda other: other.weight or 0.0)
+    name = f"{_name(rival.policy, labels)}'s {figure(rival.weight)}"
+    if leader.weight >= (rival.weight or 0.0):
+        return f"{own}, the highest Λ {figure(leader.weight)} before {name}"
+    return f"{own}, Λ {figure(leader.weight)}; {name} has passed it by the end"
+
+
+def _name(policy: str, labels: Labels) -> str:
+    return "the target itself" if policy == TARGET else labels(policy)
+
+
+def _standings_table(scene: SceneMet, labels: Labels) -> Table:
+    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    drawn.add_column("phase")
+    drawn.add_column("policy")
+    for title in ("ψ", "Φ", "Λ", "chosen", "reached"):
+        drawn.add_column(title, justify="right")
+    for phase in PHASES:
+        for place, one in enumerate(scene.standings.get(phase, ())):
+            reached = one.reached / one.chosen if one.chosen else None
+            name = labels(one.policy) + (" *" if place == 0 else "")
+            share = percent(one.chosen / scene.decisions[phase])
+            cells = (
+                figure(one.similarity),
+                figure(one.performance),
+                figure(one.weight),
+                share,
+                percent(reached),
+            )
+            drawn.add_row(phase if place == 0 else "", name, *cells, style="bold" if place == 0 else "")
+    return drawn
+
+
+# Episodes
+
+
+def _episodes(document: Document, labels: Labels) -> list[RenderableType]:
+    parts: list[RenderableType] = []
+    for phase in PHASES:
+        decisions = [decision for decision in document["trace"] if decision["phase"] == phase]
+        if decisions:
+            score = figure(document["trace_scores"][phase])
+            parts.append(_heading(f"One {phase} episode, decision by decision; score {score}"))
+            parts += [part for decision in decisions for part in _decision(decision, labels)]
+    return parts
+
+
+def _decision(decision: Document, labels: Labels) -> list[RenderableType]:
+    end = "reached" if decision["reached"] else "not reached"
+    audition = ", to be measured here" if decision.get("audition") else ""
+    took = f"{decision['steps']} steps, {end}"
+    line = f"{decision['step']:>4}  {scene_text(decision['scene'])}"
+    who = f"{_name(decision['guide'], labels)}{audition} → {clean(decision['head'])}, {took}"
+    return [
+        line,
+        Padding(Text(who, "bold"), (0, 0, 0, 6)),
+        Padding(_candidates(decision, labels), (0, 0, 0, 6)),
+        Padding(Text(clean(decision["clause"]), "dim"), (0, 0, 0, 6)),
+    ]
+
+
+def _candidates(decision: Document, labels: Labels) -> Text:
+    told = []
+    for one in decision["weights"]:
+        star = "*" if one["policy"] == decision["guide"] else ""
+        values = (
+            f"ψ {figure(one['similarity'])} Φ {figure(one['performance'])} Λ {figure(one['weight'])}"
+        ).replace(" ", "\N{NO-BREAK SPACE}")
+        told.append(f"{star}{labels(one['policy'])}\N{NO-BREAK SPACE}{values}")
+    return Text("   ".join(told))
+
+
+def _heading(text: str) -> RenderableType:
+    return Padding(Rule(clean(text), align="left", style="dim"), (1, 0, 0, 0))

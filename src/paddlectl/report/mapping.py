@@ -1,0 +1,93 @@
+"""Ψ for people: scenes by the facts that hold in them; for each source its ψ and the scenes that attain it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from paddlectl.report.output import clean
+
+SHOWN_SCENES = 2  # of one source that tie for one target scene
+
+
+def scene_text(literals: Iterable[str]) -> str:
+    """A full body by the facts that hold in it, `{has_key(env), is_blocked(door)}`."""
+    return clean("{" + ", ".join(literal for literal in literals if not literal.startswith("!")) + "}")
+
+
+def facts_of(bodies: Iterable[Sequence[str]]) -> list[str]:
+    """Every atom that the bodies speak of, in alphabetical order."""
+    return sorted({literal.removeprefix("!") for body in bodies for literal in body})
+
+
+def legend(bodies: Iterable[Sequence[str]]) -> str:
+    """How scenes are written, so that the short form can't be misread."""
+    return clean(
+        f"A scene is written by the facts that hold in it; all others of {', '.join(facts_of(bodies))} don't."
+    )
+
+
+class Labels:
+    """Short names for policies: their task, with the id where two solve the same one."""
+
+    def __init__(self, tasks: Mapping[str, str]) -> None:
+        self._tasks = tasks
+
+    def __call__(self, policy: str) -> str:
+        task = self._tasks.get(policy)
+        if task is None:
+            return clean(policy)
+        alike = sum(other == task for other in self._tasks.values()) > 1
+        return clean(f"{task} ({policy})" if alike else task)
+
+
+def labels_of(document: Mapping[str, Any]) -> Labels:
+    matches = (match for scene in document["scenes"] for match in scene["matches"])
+    return Labels({match["policy"]: match["task"] for match in matches})
+
+
+def mapping_parts(document: Mapping[str, Any]) -> list[RenderableType]:
+    """All of Ψ."""
+    labels = labels_of(document)
+    sources = ", ".join(f"{labels(policy)} ({clean(policy)})" for policy in document["sources"])
+    return [
+        f"Ψ of {clean(document['target'])} from {sources}",
+        f"ψ = {document['body_weight']:g} · share of equal literals"
+        f" + {document['head_weight']:g} · share of equal heads",
+        legend(_bodies(document["scenes"])),
+        mapping_table(document["scenes"], labels),
+    ]
+
+
+def _bodies(scenes: Iterable[Mapping[str, Any]]) -> Iterable[Sequence[str]]:
+    for scene in scenes:
+        yield scene["body"]
+        for match in scene["matches"]:
+            yield from match["scenes"]
+
+
+def mapping_table(scenes: Iterable[Mapping[str, Any]], labels: Labels) -> Table:
+    """One row for each target scene and source; the best source of a scene in bold with a star."""
+    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for title in ("target scene", "source", "ψ", "its most similar scenes"):
+        drawn.add_column(title, justify="right" if title == "ψ" else "left", overflow="fold")
+    for scene in scenes:
+        shown = scene_text(scene["body"])
+        for match in scene["matches"]:
+            best = match["similarity"] == scene["self_similarity"]
+            style = "bold" if best else ""
+            name = labels(match["policy"]) + (" *" if best else "")
+            drawn.add_row(
+                shown, Text(name, style), Text(f"{match['similarity']:.3f}", style), _scenes(match["scenes"])
+            )
+            shown = ""
+        drawn.add_section()
+    return drawn
+
+
+def _scenes(bodies: Sequence[Sequence[str]]) -> str:
+    more = len(bodies) - SHOWN_SCENES
+    return "\n".join(map(scene_text, bodies[:SHOWN_SCENES])) + (f"\nand {more} more" if more > 0 else "")

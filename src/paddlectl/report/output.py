@@ -1,0 +1,49 @@
+"""Where answers go: one JSON document, or text for people, on stdout; nothing stored is taken for markup."""
+
+import json
+import math
+import os
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console, RenderableType
+
+_CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+_WIDTH = 100  # of a pipe or file; a terminal has its own
+
+
+def clean(text: object) -> str:
+    """The text without control characters and direction marks, so that it can't steer a terminal."""
+    return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", str(text))
+
+
+def console() -> Console:
+    """A console on stdout that reads no markup, emoji codes or highlights into what it prints."""
+    fixed = None if sys.stdout.isatty() or "COLUMNS" in os.environ else _WIDTH
+    return Console(markup=False, emoji=False, highlight=False, width=fixed)
+
+
+def print_json(document: Any) -> None:
+    """One JSON document on stdout; numbers that JSON lacks become null."""
+    sys.stdout.write(json.dumps(_finite(document), indent=2, allow_nan=False) + "\n")
+    sys.stdout.flush()
+
+
+def print_text(parts: Sequence[RenderableType]) -> None:
+    """Renderables one below the other on stdout."""
+    out = console()
+    for part in parts:
+        out.print(part)
+    sys.stdout.flush()
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value

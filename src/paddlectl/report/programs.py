@@ -1,0 +1,87 @@
+"""A policy's program: as a document, and for people."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import RenderableType
+from rich.padding import Padding
+
+from paddlectl.errors import IntegrityError, InvalidFileError
+from paddlectl.logic.clauses import Body, Program
+from paddlectl.logic.minimise import minimise
+from paddlectl.logic.syntax import parse_program
+from paddlectl.logic.templates import scenes
+from paddlectl.registry.records import PolicyRecord
+from paddlectl.report.output import clean
+from paddlectl.tasks.suite import load, names
+
+
+def stored_program(policy: PolicyRecord) -> Program:
+    """The policy's program, parsed.
+
+    Raises:
+        IntegrityError: If what is stored is no program.
+    """
+    try:
+        return parse_program(policy.program)
+    except InvalidFileError as error:
+        raise IntegrityError(
+            f"the program of {policy.id} is damaged: {error.message}",
+            f"train it again: paddlectl train {policy.task}",
+        ) from error
+
+
+def program_document(policy: PolicyRecord) -> dict[str, Any]:
+    """`{policy, task, clauses: [{head, body, probability}], minimised: [text]}`."""
+    program = stored_program(policy)
+    return {
+        "policy": policy.id,
+        "task": policy.task,
+        "clauses": [
+            {
+                "head": str(clause.head),
+                "body": [str(literal) for literal in sorted(clause.body)],
+                "probability": probability,
+            }
+            for clause, probability in zip(program.clauses, program.probabilities, strict=True)
+        ],
+        "minimised": [str(clause) for clause in minimise(program, impossible_scenes(policy.task, program))],
+    }
+
+
+def impossible_scenes(task: str, program: Program) -> tuple[Body, ...]:
+    """The scenes over the task's vocabulary that its exclusions rule out.
+
+    None if the task is unknown here or its vocabulary isn't the program's, as an older version's may be.
+    """
+    if task not in names():
+        return ()
+    vocabulary = load(task).vocabulary
+    used = {literal.atom for clause in program.clauses for literal in clause.body}
+    if used != set(vocabulary.atoms):
+        return ()
+    possible = set(scenes(vocabulary.atoms, vocabulary.exclusions))
+    return tuple(body for body in scenes(vocabulary.atoms) if body not in possible)
+
+
+def program_parts(document: dict[str, Any]) -> list[RenderableType]:
+    """The raw program with its probabilities, and the minimised one."""
+    raw = [_raw(clause) for clause in document["clauses"]]
+    return [
+        f"{clean(document['policy'])} for {clean(document['task'])}",
+        "",
+        "Learned, with the probability that each clause is executed:",
+        *_lines(raw),
+        "",
+        "The same in its shortest clauses:",
+        *_lines(document["minimised"]),
+    ]
+
+
+def _raw(clause: dict[str, Any]) -> str:
+    body = ", ".join(clause["body"])
+    return f"{clause['probability']:.2f} :: {clause['head']}" + (f" :- {body}" if body else "")
+
+
+def _lines(texts: Sequence[str]) -> list[RenderableType]:
+    return [Padding(clean(text), (0, 0, 0, 2)) for text in texts] or ["  (nothing)"]
