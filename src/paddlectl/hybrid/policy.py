@@ -1,0 +1,119 @@
+"""The hybrid decision model: a logic program picks a subgoal, a learner reaches it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from paddlectl.hybrid.rollout import DecisionSettings, Outcome
+from paddlectl.learners.base import Learner
+from paddlectl.learners.buffers import TARGET
+from paddlectl.learners.clauses import ClauseLearner, ClauseSettings
+from paddlectl.learners.ppo import PPO, PPOSettings
+from paddlectl.logic.clauses import Clause, Program
+from paddlectl.logic.templates import scenes
+from paddlectl.tasks.base import Floats, Ints, Task
+
+
+@dataclass(frozen=True)
+class HybridSettings:
+    """Every number of the hybrid model.
+
+    Attributes:
+        lanes: Environments side by side.
+        block: Steps of every lane between two updates.
+        sharpness: Power of the head probabilities when a learned program is played.
+        clause_batch: Episodes to a clause update.
+    """
+
+    lanes: int = 64
+    block: int = 64
+    sharpness: float = 3.0
+    clause_batch: int = 16
+    clauses: ClauseSettings = field(default_factory=ClauseSettings)
+    low_level: PPOSettings = field(default_factory=PPOSettings)
+    decisions: DecisionSettings = field(default_factory=DecisionSettings)
+
+
+class HybridPolicy:
+    """π: the complete clause set of a task with learned weights, and its low level."""
+
+    def __init__(self, task: Task, seed: int, settings: HybridSettings) -> None:
+        environment = task.make(1, 0)
+        vocabulary = task.vocabulary
+        self.task = task
+        self.settings = settings
+        self.clauses = ClauseLearner(
+            vocabulary.atoms, scenes(vocabulary.atoms, vocabulary.exclusions), task.heads, seed, settings.clauses
+        )
+        self.low_level: Learner = PPO(
+            environment.observation_size, environment.actions, seed, settings.low_level
+        )
+
+    def program(self, visited: Ints | None = None, threshold: float = 0.0) -> Program:
+        """The clauses with execution probability ≥ `threshold` in the scenes `visited`; all if None."""
+        probabilities = self.clauses.probabilities()
+        rows = range(len(self.clauses.bodies)) if visited is None else visited
+        kept = [
+            (Clause(head, self.clauses.bodies[row]), round(float(p), 6))
+            for row in rows
+            for head, p in zip(self.clauses.heads, probabilities[row], strict=True)
+            if p >= threshold
+        ]
+        return Program(tuple(clause for clause, _ in kept), tuple(p for _, p in kept))
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """All tensors by name."""
+        return {**self.clauses.state(), **self.low_level.state()}
+
+    def load(self, state: dict[str, torch.Tensor]) -> None:
+        """Takes all tensors from `state`."""
+        self.clauses.load(state)
+        self.low_level.load(state)
+
+
+class OwnProgram:
+    """The chooser of a policy that acts alone: samples heads from its clause weights."""
+
+    def __init__(self, policy: HybridPolicy, rng: np.random.Generator, sharpness: float = 1.0) -> None:
+        self._policy = policy
+        self._rng = rng
+        self._sharpness = sharpness
+        self._domain_head = domain_heads(policy.task)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Reads the clause weights anew, after an update."""
+        self._probabilities = sharpened(self._policy.clauses.probabilities(), self._sharpness)
+
+    def choose(self, lanes: Ints, scenes: Ints) -> tuple[Ints, Ints]:
+        """Its own guide, and a head sampled in each scene. [n], [n]"""
+        heads = sample_rows(self._probabilities[scenes], self._rng)
+        return np.full(len(lanes), TARGET), self._domain_head[heads]
+
+    def decided(self, outcome: Outcome) -> None:
+        """Nothing to remember."""
+
+
+def domain_heads(task: Task) -> Ints:
+    """Index among the domain's heads of each of the task's. [H]"""
+    return np.array([task.domain_heads.index(head) for head in task.heads])
+
+
+def task_heads(task: Task) -> Ints:
+    """Index among the task's heads of each of the domain's; -1 for one that it hasn't. [domain's H]"""
+    return np.array([task.heads.index(h) if h in task.heads else -1 for h in task.domain_heads])
+
+
+def sharpened(probabilities: Floats, power: float) -> Floats:
+    """p^power, each row normalised. [S, H]"""
+    raised = probabilities**power
+    result: Floats = raised / raised.sum(-1, keepdims=True)
+    return result
+
+
+def sample_rows(probabilities: Floats, rng: np.random.Generator) -> Ints:
+    """One column index from each row's distribution. [n, H] -> [n]"""
+    cumulative = probabilities.cumsum(-1)
+    drawn: Ints = (rng.random((len(probabilities), 1)) * cumulative[:, -1:] < cumulative).argmax(-1)
+    return drawn

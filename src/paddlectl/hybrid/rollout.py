@@ -1,0 +1,242 @@
+"""B lanes of hybrid decisions: a chooser picks subgoals, actors reach them.
+
+A decision picks a head for the present scene. It ends when the subgoal is reached, when the scene
+changes in any other way, after `max_steps` steps, or with the episode (method, section 4). A
+subgoal that has nothing to act on, or holds already, is given up after one step.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from paddlectl.learners.base import Actor
+from paddlectl.learners.buffers import RolloutBuffer
+from paddlectl.tasks.base import Bools, Environment, Floats, Ints
+
+
+@dataclass(frozen=True)
+class DecisionSettings:
+    """When a decision ends, and what the low level gets for it.
+
+    Attributes:
+        max_steps: Most environment steps of one decision.
+        reached_reward: Intrinsic reward for reaching the subgoal at once …
+        delay_cost: … less this, times the share of `max_steps` that was used.
+        failed_reward: Intrinsic reward when a decision ends in any other way.
+    """
+
+    max_steps: int = 50
+    reached_reward: float = 1.0
+    delay_cost: float = 0.5
+    failed_reward: float = -0.1
+
+
+class Decisions(NamedTuple):
+    """The high-level samples (B, H, R_extr) of one episode, in order. Each field is [N]."""
+
+    scenes: Ints
+    heads: Ints
+    guides: Ints
+    steps: Ints
+    rewards: Floats
+    reached: Bools
+
+
+class Episode(NamedTuple):
+    """A finished episode.
+
+    Attributes:
+        order: Place among all episodes in the order in which they started.
+        started: Frames that had been collected when it started.
+        finished: Frames when it ended.
+        score: Final reward alone, 0 on failure.
+        length: Steps.
+    """
+
+    order: int
+    started: int
+    finished: int
+    score: float
+    length: int
+    decisions: Decisions
+
+    def returns(self, discount: float) -> Floats:
+        """Discounted extrinsic return from each decision on, discounted per decision. [N]"""
+        returns = np.zeros(len(self.decisions.rewards), np.float32)
+        running = 0.0
+        for k in reversed(range(len(returns))):
+            running = float(self.decisions.rewards[k]) + discount * running
+            returns[k] = running
+        return returns
+
+
+class Outcome(NamedTuple):
+    """Decisions that ended in one step, one a lane. Each field is [n].
+
+    Attributes:
+        rewards: Extrinsic reward within the decision.
+        done: The episode ended with it.
+        next_scenes: Where it led; meaningless when done.
+    """
+
+    lanes: Ints
+    scenes: Ints
+    heads: Ints
+    steps: Ints
+    rewards: Floats
+    reached: Bools
+    done: Bools
+    next_scenes: Ints
+
+
+class Chooser(Protocol):
+    """Who decides: a program, or the guidance over several."""
+
+    def choose(self, lanes: Ints, scenes: Ints) -> tuple[Ints, Ints]:
+        """The guide and the head, as an index into the domain's heads, for each lane. [n], [n]"""
+
+    def decided(self, outcome: "Outcome") -> None:
+        """Told of the decisions that ended in this step."""
+
+
+class SceneReader(Protocol):
+    """Maps crisp valuations [B, P] to scene numbers [B]."""
+
+    def scenes(self, valuation: Bools) -> Ints: ...
+
+
+class Rollout:
+    """Runs the lanes and keeps each lane's present decision between blocks.
+
+    Args:
+        environment: The lanes.
+        horizon: Most steps of an episode, which bounds its decisions.
+        reader: Names the scenes.
+        chooser: Picks guide and head.
+        actors: The low level of each guide; the learning policy's first.
+        settings: When a decision ends.
+    """
+
+    def __init__(
+        self,
+        environment: Environment,
+        horizon: int,
+        reader: SceneReader,
+        chooser: Chooser,
+        actors: Sequence[Actor],
+        settings: DecisionSettings,
+    ) -> None:
+        lanes = environment.lanes
+        self.environment = environment
+        self.frames = 0
+        self._reader = reader
+        self._chooser = chooser
+        self._actors = actors
+        self._settings = settings
+        self._head = np.zeros(lanes, np.intp)
+        self._guide = np.zeros(lanes, np.intp)
+        self._steps = np.zeros(lanes, np.intp)
+        self._limit = np.zeros(lanes, np.intp)
+        self._reward = np.zeros(lanes, np.float32)
+        self._pending = np.ones(lanes, np.bool_)
+        self._order = np.arange(lanes)
+        self._started = np.zeros(lanes, np.intp)
+        self._length = np.zeros(lanes, np.intp)
+        self._count = np.zeros(lanes, np.intp)
+        self._history = Decisions(
+            *(np.zeros((lanes, horizon), kind) for kind in (np.intp, np.intp, np.intp, np.intp, np.float32, np.bool_))
+        )
+        self._scene = reader.scenes(environment.valuation())
+
+    def collect(self, buffer: RolloutBuffer) -> list[Episode]:
+        """Fills `buffer` with its T steps of all lanes; gives the episodes that ended, in order of ending."""
+        episodes: list[Episode] = []
+        for t in range(len(buffer.actions)):
+            self._decide()
+            observations = self.environment.observe(self._head)
+            buffer.observations[t] = observations
+            buffer.guides[t] = self._guide
+            self._act(observations, buffer.actions[t], buffer.log_probs[t])
+            episodes.extend(self._step(buffer, t))
+        buffer.last_observations[:] = self.environment.observe(self._head)
+        return episodes
+
+    def _decide(self) -> None:
+        lanes = np.flatnonzero(self._pending)
+        if not len(lanes):
+            return
+        self._guide[lanes], self._head[lanes] = self._chooser.choose(lanes, self._scene[lanes])
+        self._limit = np.where(
+            self._pending,
+            np.where(self.environment.available(self._head), self._settings.max_steps, 1),
+            self._limit,
+        )
+        self._steps[lanes] = 0
+        self._reward[lanes] = 0.0
+        self._pending[:] = False
+
+    def _act(self, observations: Floats, actions: NDArray[np.int64], log_probs: Floats) -> None:
+        for number, actor in enumerate(self._actors):
+            led = self._guide == number
+            if led.all():
+                actions[:], log_probs[:] = actor.act(observations)
+            elif led.any():
+                actions[led], log_probs[led] = actor.act(observations[led])
+
+    def _step(self, buffer: RolloutBuffer, t: int) -> Iterator[Episode]:
+        settings = self._settings
+        step = self.environment.step(buffer.actions[t])
+        self.frames += self.environment.lanes
+        self._steps += 1
+        self._length += 1
+        self._reward += step.reward
+        done = step.terminated | step.truncated
+        scene = self._reader.scenes(self.environment.valuation())
+        reached = self.environment.reached(self._head) & (self._limit > 1)
+        ends = done | reached | (scene != self._scene) | (self._steps >= self._limit)
+        prompt = settings.reached_reward - settings.delay_cost * self._steps / settings.max_steps
+        buffer.rewards[t] = np.where(reached, prompt, np.where(ends, settings.failed_reward, 0.0))
+        buffer.ends[t] = ends
+        buffer.reached[t] = reached
+        self._record(np.flatnonzero(ends), reached, done, scene)
+        self._pending = ends
+        self._scene = scene
+        return self._finish(np.flatnonzero(done), done, step.score)
+
+    def _record(self, lanes: Ints, reached: Bools, done: Bools, next_scenes: Ints) -> None:
+        if not len(lanes):
+            return
+        place = (lanes, self._count[lanes])
+        present = (self._scene, self._head, self._guide, self._steps, self._reward, reached)
+        scenes, heads, guides, steps, rewards, hit = (values[lanes] for values in present)
+        for column, values in zip(self._history, (scenes, heads, guides, steps, rewards, hit), strict=True):
+            column[place] = values
+        self._count[lanes] += 1
+        self._chooser.decided(
+            Outcome(lanes, scenes, heads, steps, rewards, hit, done[lanes], next_scenes[lanes])
+        )
+
+    def _finish(self, lanes: Ints, done: Bools, score: Floats) -> Iterator[Episode]:
+        if not len(lanes):
+            return iter(())
+        episodes = [
+            Episode(
+                int(self._order[lane]),
+                int(self._started[lane]),
+                self.frames,
+                float(score[lane]),
+                int(self._length[lane]),
+                Decisions(*(column[lane, : self._count[lane]].copy() for column in self._history)),
+            )
+            for lane in lanes
+        ]
+        self.environment.reset(done)
+        self._scene = self._reader.scenes(self.environment.valuation())
+        self._order[lanes] = self._order.max() + 1 + np.arange(len(lanes))
+        self._started[lanes] = self.frames
+        self._length[lanes] = 0
+        self._count[lanes] = 0
+        return iter(episodes)

@@ -1,0 +1,117 @@
+"""Collect, update, stop: the hybrid model's training as a generator, and its evaluation."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from paddlectl.hybrid.policy import HybridPolicy, OwnProgram, task_heads
+from paddlectl.hybrid.rollout import Episode, Rollout
+from paddlectl.learners.buffers import TARGET, RolloutBuffer
+from paddlectl.logic.clauses import Program
+from paddlectl.tasks.base import Ints, Task
+
+ON_PATH = 0.05
+"""A scene is on a policy's path if at least this share of its episodes come through it."""
+
+EXECUTED = 0.1
+"""Execution probability from which a clause belongs to the synthesised program (method, section 4)."""
+
+
+class Round(NamedTuple):
+    """What one block of experience brought: frames so far, and the episodes that ended in it."""
+
+    frames: int
+    episodes: list[Episode]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A policy on unseen layouts.
+
+    Attributes:
+        episodes: How many were played.
+        success_rate: Share solved.
+        mean_score: Mean final reward, 0 on failure.
+        mean_length: Mean steps, failures at the horizon.
+        program: The clauses executed in the scenes visited, with their probabilities.
+        crispness: Smallest best-clause probability over the scenes on the policy's path.
+    """
+
+    episodes: int
+    success_rate: float
+    mean_score: float
+    mean_length: float
+    program: Program
+    crispness: float
+
+
+def train(policy: HybridPolicy, seed: int, frames: int) -> Iterator[Round]:
+    """Learns from scratch until `frames` are used up; the consumer stops earlier by leaving off."""
+    settings = policy.settings
+    layouts, choices = np.random.SeedSequence(seed).spawn(2)
+    environment = policy.task.make(settings.lanes, int(layouts.generate_state(1)[0]))
+    chooser = OwnProgram(policy, np.random.default_rng(choices))
+    rollout = Rollout(
+        environment, policy.task.horizon, policy.clauses, chooser, [policy.low_level], settings.decisions
+    )
+    buffer = RolloutBuffer.empty(settings.block, settings.lanes, environment.observation_size)
+    while rollout.frames < frames:
+        episodes = rollout.collect(buffer)
+        policy.low_level.update(buffer)
+        update_clauses(policy, episodes)
+        chooser.refresh()
+        yield Round(rollout.frames, episodes)
+
+
+def update_clauses(policy: HybridPolicy, episodes: Sequence[Episode]) -> None:
+    """Eq. 1 over finished episodes, a few episodes at a time, scored under the policy's own weights."""
+    size = policy.settings.clause_batch
+    head_of = task_heads(policy.task)
+    for start in range(0, len(episodes), size):
+        batch = episodes[start : start + size]
+        returns = np.concatenate([e.returns(policy.settings.clauses.discount) for e in batch])
+        scenes, heads, guides, _, _, reached = (
+            np.concatenate(columns) for columns in zip(*(e.decisions for e in batch), strict=True)
+        )
+        known = head_of[heads] >= 0
+        policy.clauses.update(
+            scenes[known], head_of[heads[known]], returns[known], ((guides != TARGET) & reached)[known]
+        )
+
+
+def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Evaluation:
+    """Plays the first `episodes` layouts of `seed`, one a lane; nothing is learned."""
+    environment = task.make(episodes, seed)
+    chooser = OwnProgram(policy, np.random.default_rng(seed), policy.settings.sharpness)
+    rollout = Rollout(
+        environment, task.horizon, policy.clauses, chooser, [policy.low_level], policy.settings.decisions
+    )
+    buffer = RolloutBuffer.empty(32, episodes, environment.observation_size)
+    played: list[Episode] = []
+    while len(played) < episodes:
+        played += [episode for episode in rollout.collect(buffer) if episode.order < episodes]
+    visits = scene_visits(played, len(policy.clauses.bodies))
+    return Evaluation(
+        episodes,
+        float(np.mean([e.score > 0 for e in played])),
+        float(np.mean([e.score for e in played])),
+        float(np.mean([e.length for e in played])),
+        policy.program(np.flatnonzero(visits), EXECUTED),
+        crispness(policy, visits / episodes),
+    )
+
+
+def scene_visits(episodes: Sequence[Episode], scenes: int) -> Ints:
+    """How many of the episodes came through each scene. [S]"""
+    visits = np.zeros(scenes, np.intp)
+    for episode in episodes:
+        visits[np.unique(episode.decisions.scenes)] += 1
+    return visits
+
+
+def crispness(policy: HybridPolicy, shares: np.ndarray) -> float:
+    """Smallest best-clause probability over the scenes that at least ON_PATH of episodes pass; 0 if none."""
+    best = policy.clauses.probabilities().max(-1)[shares >= ON_PATH]
+    return float(best.min()) if len(best) else 0.0

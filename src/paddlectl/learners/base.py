@@ -1,0 +1,29 @@
+"""What the hybrid model asks of a low-level learner; PPO and TD3 are alike to it."""
+
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from paddlectl.learners.buffers import RolloutBuffer
+
+
+class Actor(Protocol):
+    """Acts, and can't learn from it."""
+
+    def act(self, observations: NDArray[np.float32]) -> tuple[NDArray[Any], NDArray[np.float32]]:
+        """Samples actions [B] and their log-probabilities [B] for observations [B, D]."""
+
+
+class Learner(Actor, Protocol):
+    """An actor with an update rule and tensors to keep."""
+
+    def update(self, buffer: RolloutBuffer) -> dict[str, float]:
+        """Learns from one block of experience; gives mean losses by name."""
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """The networks' tensors by name."""
+
+    def load(self, state: dict[str, torch.Tensor]) -> None:
+        """Takes the networks' tensors from `state`."""

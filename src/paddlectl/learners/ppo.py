@@ -1,0 +1,161 @@
+"""Proximal policy optimisation (Schulman et al., 2017) for the low level."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+from torch.distributions import Categorical
+
+from paddlectl.learners.buffers import TARGET, RolloutBuffer, generalised_advantages
+from paddlectl.learners.networks import gradient_step, mlp
+
+
+@dataclass(frozen=True)
+class PPOSettings:
+    """Table 1's values where it has them; the others are the usual ones.
+
+    Attributes:
+        learning_rate: Of RMSProp, for both networks.
+        discount: γ_l per step.
+        trace_decay: λ of GAE.
+        clip: Of the probability ratio.
+        entropy_coef: Weight of the policy's entropy.
+        value_coef: Weight of the value loss.
+        epochs: Passes over each batch.
+        minibatch: Samples a gradient step.
+        max_gradient_norm: Cut-off of the gradient.
+        clone_coef: Weight of the log-likelihood of guided actions that reached their subgoal.
+    """
+
+    learning_rate: float = 5e-4
+    discount: float = 0.99
+    trace_decay: float = 0.95
+    clip: float = 0.2
+    entropy_coef: float = 0.01
+    value_coef: float = 0.5
+    epochs: int = 4
+    minibatch: int = 512
+    max_gradient_norm: float = 0.5
+    clone_coef: float = 0.5
+
+
+class PPO:
+    """A discrete actor and a critic, each with its own 3×400 network.
+
+    Learns from the target's own samples by the clipped surrogate, and from those of its guides that
+    reached their subgoal by cloning.
+    """
+
+    def __init__(
+        self, observation_size: int, actions: int, seed: int, settings: PPOSettings | None = None
+    ) -> None:
+        self.settings = settings or PPOSettings()
+        self.generator = torch.Generator().manual_seed(seed)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.actor = mlp(observation_size, actions, output_gain=0.01)
+            self.critic = mlp(observation_size, 1)
+        self.optimiser = torch.optim.RMSprop(
+            [*self.actor.parameters(), *self.critic.parameters()],
+            lr=self.settings.learning_rate,
+            alpha=0.99,
+            eps=1e-5,
+        )
+
+    @torch.no_grad()
+    def act(self, observations: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Samples actions [B] and their log-probabilities [B] for observations [B, D]."""
+        log_probs = self.actor(torch.from_numpy(observations)).log_softmax(-1)
+        noise = torch.rand(log_probs.shape, generator=self.generator).clamp_min_(1e-10).log_().neg_().log_()
+        actions = (log_probs - noise).argmax(-1)
+        return actions.numpy(), log_probs.gather(-1, actions[:, None])[:, 0].numpy()
+
+    def update(self, buffer: RolloutBuffer) -> dict[str, float]:
+        """Several epochs of minibatches over one block of experience; gives mean losses."""
+        advantages, returns = self._targets(buffer)
+        own = buffer.guides == TARGET
+        samples = torch.from_numpy(np.flatnonzero(own))
+        guided = torch.from_numpy(np.flatnonzero(~own & buffer.of_reached_decisions()))
+        observations = torch.from_numpy(buffer.observations).flatten(0, 1)
+        actions = torch.from_numpy(buffer.actions).flatten()
+        old_log_probs = torch.from_numpy(buffer.log_probs).flatten()
+        losses = []
+        for _ in range(self.settings.epochs):
+            for batch in self._minibatches(samples):
+                loss = self._surrogate_loss(
+                    observations[batch], actions[batch], old_log_probs[batch], advantages[batch], returns[batch]
+                )
+                gradient_step(self.optimiser, loss, self.settings.max_gradient_norm)
+                losses.append(loss.item())
+            for batch in self._minibatches(guided):
+                loss = self._cloning_loss(observations[batch], actions[batch], returns[batch])
+                gradient_step(self.optimiser, loss, self.settings.max_gradient_norm)
+        return {"loss": float(np.mean(losses)) if losses else 0.0}
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """The networks' tensors by name."""
+        return {
+            f"{name}.{key}": value
+            for name, network in (("actor", self.actor), ("critic", self.critic))
+            for key, value in network.state_dict().items()
+        }
+
+    def load(self, state: dict[str, torch.Tensor]) -> None:
+        """Takes the networks' tensors from `state`."""
+        for name, network in (("actor", self.actor), ("critic", self.critic)):
+            _load_network(network, name, state)
+
+    @torch.no_grad()
+    def _targets(self, buffer: RolloutBuffer) -> tuple[torch.Tensor, torch.Tensor]:
+        values = self.critic(torch.from_numpy(buffer.observations)).squeeze(-1)
+        last_values = self.critic(torch.from_numpy(buffer.last_observations)).squeeze(-1)
+        advantages = generalised_advantages(
+            torch.from_numpy(buffer.rewards),
+            values,
+            last_values,
+            torch.from_numpy(buffer.ends).float(),
+            self.settings.discount,
+            self.settings.trace_decay,
+        )
+        return advantages.flatten(), (advantages + values).flatten()
+
+    def _minibatches(self, samples: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        if not len(samples):
+            return ()
+        shuffled = samples[torch.randperm(len(samples), generator=self.generator)]
+        count = max(1, round(len(samples) / self.settings.minibatch))
+        return shuffled.chunk(count)
+
+    def _surrogate_loss(
+        self,
+        observations: torch.Tensor,
+        actions: torch.Tensor,
+        old_log_probs: torch.Tensor,
+        advantages: torch.Tensor,
+        returns: torch.Tensor,
+    ) -> torch.Tensor:
+        policy = Categorical(logits=self.actor(observations), validate_args=False)
+        ratio = (policy.log_prob(actions) - old_log_probs).exp()
+        advantages = (advantages - advantages.mean()) / (advantages.std(correction=0) + 1e-8)
+        clipped = ratio.clamp(1.0 - self.settings.clip, 1.0 + self.settings.clip)
+        policy_loss = -torch.minimum(ratio * advantages, clipped * advantages).mean()
+        value_loss = (self.critic(observations).squeeze(-1) - returns).square().mean()
+        return (
+            policy_loss
+            + self.settings.value_coef * value_loss
+            - self.settings.entropy_coef * policy.entropy().mean()
+        )
+
+    def _cloning_loss(
+        self, observations: torch.Tensor, actions: torch.Tensor, returns: torch.Tensor
+    ) -> torch.Tensor:
+        log_probs = self.actor(observations).log_softmax(-1).gather(-1, actions[:, None])
+        value_loss = (self.critic(observations).squeeze(-1) - returns).square().mean()
+        return -self.settings.clone_coef * log_probs.mean() + self.settings.value_coef * value_loss
+
+
+def _load_network(network: nn.Module, name: str, state: dict[str, torch.Tensor]) -> None:
+    prefix = f"{name}."
+    network.load_state_dict({k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)})

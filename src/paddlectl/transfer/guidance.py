@@ -1,0 +1,64 @@
+"""The dual similarity Λ (Eq. 3), and the choice of the guiding policy (Algorithm 2, lines 7-12).
+
+`guidance: paper` is ψ + Φ and its largest value, nothing else. `guidance: default` differs by the rules
+named in `GuidanceSettings`; each can be switched off by itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Weights = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GuidanceSettings:
+    """How Λ is made and read in `guidance: default`.
+
+    Attributes:
+        fading: ψ is a first guess: after n decisions of a candidate in a scene Λ = fading^n·ψ +
+            (1 - fading^n)·Φ. Under the paper's sum a well matched source that fails for ever keeps its ψ.
+        curiosity: Λ of the target is at least this. Where no source gains anything more than this,
+            the target explores, at once, and only there.
+        failure_penalty: Taken off a candidate's Λ for each subgoal that it failed in this scene in
+            this episode. A frozen source that is stuck in a layout stays stuck.
+        audition_rate: In this share of an episode's scenes, times the target's certainty of its head
+            there, the target acts once though its Λ is lower: so it is measured everywhere.
+        audition_samples: The target leads a scene by merit only after this many decisions there.
+        target_margin: The target takes a scene over when it comes this near to the best source.
+        source_memory: Latest decisions that a source's return is averaged over.
+        target_memory: The same for the target, which changes.
+    """
+
+    fading: float = 0.7
+    curiosity: float = 0.05
+    failure_penalty: float = 0.5
+    audition_rate: float = 0.1
+    audition_samples: float = 5.0
+    target_margin: float = 0.03
+    source_memory: float = 300.0
+    target_memory: float = 50.0
+
+
+def guidance_weight(similarity: Weights, performance: Weights) -> Weights:
+    """Λ = ψ + Φ (Eq. 3). [S, C]"""
+    return similarity + performance
+
+
+def faded_weight(similarity: Weights, performance: Weights, count: Weights, fading: float) -> Weights:
+    """Λ = f·ψ + (1 - f)·Φ with f = fading^count: ψ is the first guess, Φ what came of it. [S, C]"""
+    first_guess = fading**count
+    return first_guess * similarity + (1.0 - first_guess) * performance
+
+
+def choose_guide(weights: Weights, rng: np.random.Generator) -> NDArray[np.intp]:
+    """The candidate of largest Λ in each row [n, C], the target in column 0. [n]
+
+    Of a source and the target that tie, the source; of tied sources or scenes of one source, a random one.
+    """
+    sources = weights[:, 1:]
+    best = sources.max(-1, keepdims=True, initial=-np.inf)
+    tied = (sources == best) * rng.random(sources.shape)
+    of_sources = tied.argmax(-1) + 1 if sources.shape[1] else np.zeros(len(weights), np.intp)
+    return np.where(weights[:, 0] > best[:, 0], 0, of_sources)

@@ -1,0 +1,281 @@
+"""PADDLE (Algorithm 2) over lanes: at each decision the policy of largest Λ leads; the target learns."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, sharpened
+from paddlectl.hybrid.rollout import Outcome, Rollout
+from paddlectl.hybrid.training import Round, update_clauses
+from paddlectl.learners.base import Actor
+from paddlectl.learners.buffers import TARGET, RolloutBuffer
+from paddlectl.logic.clauses import Body, Program
+from paddlectl.tasks.base import Floats, Ints, Task
+from paddlectl.transfer.guidance import GuidanceSettings, choose_guide, faded_weight, guidance_weight
+from paddlectl.transfer.performance import MeanReturns, PlannedReturns, Table, performance
+from paddlectl.transfer.similarity import SceneMapping
+
+
+@dataclass(frozen=True)
+class Source:
+    """A frozen policy that may guide: its id, its task, its program and its low level."""
+
+    policy: str
+    task: str
+    program: Program
+    actor: Actor
+
+
+class Candidates(NamedTuple):
+    """Every (guide, source scene) that Ψ names; candidate 0 is the target itself.
+
+    Attributes:
+        guides: TARGET or the source's number, 1, 2, … [C]
+        heads: Head distribution over the domain's heads; the target's row is empty. [C, domain's H]
+        similarity: ψ, the target's own included; -inf where the scene is no best match. [S, C]
+        entropy: Of the head distribution, in nats. [C]
+    """
+
+    guides: Ints
+    heads: Floats
+    similarity: Table
+    entropy: Table
+
+
+def candidates_of(
+    task: Task, bodies: Sequence[Body], sources: Sequence[Source], mapping: SceneMapping, sharpness: float
+) -> Candidates:
+    """Numbers the matches of Ψ, in the order of the sources."""
+    guides, rows, columns = [TARGET], [np.zeros(len(task.domain_heads))], []
+    columns.append([mapping.self_similarity(body) for body in bodies])
+    for number, source in enumerate(sources, start=1):
+        matches = [{m.policy: m for m in mapping.rows[body]}.get(source.policy) for body in bodies]
+        for scene in dict.fromkeys(scene.body for match in matches if match for scene in match.scenes):
+            policy = source.program.policy(scene)
+            guides.append(number)
+            rows.append(np.array([policy.get(head, 0.0) for head in task.domain_heads]))
+            columns.append(
+                [m.similarity if m and scene in [s.body for s in m.scenes] else -np.inf for m in matches]
+            )
+    heads = np.array(rows)
+    heads[1:] /= heads[1:].sum(-1, keepdims=True)
+    entropy = -(heads * np.log(np.where(heads > 0, heads, 1.0))).sum(-1)
+    heads[1:] = sharpened(heads[1:], sharpness)
+    return Candidates(np.array(guides), heads.astype(np.float32), np.array(columns).T, entropy)
+
+
+class Weighing(NamedTuple):
+    """The tables behind one choice. Each is [S, C]."""
+
+    similarity: Table
+    performance: Table
+    weight: Table
+
+
+class TracedDecision(NamedTuple):
+    """One decision of an episode, with the weights by which its guide was chosen.
+
+    Attributes:
+        candidate: The one that led.
+        weights: Λ of each candidate, this episode's penalties included. [C]
+        audition: The target led to be measured, not for its weight.
+    """
+
+    scene: int
+    candidate: int
+    head: int
+    steps: int
+    reached: bool
+    audition: bool
+    similarity: Table
+    performance: Table
+    weights: Table
+
+
+class GuideChooser:
+    """Lines 4-14 of Algorithm 2: scene → Λ of every candidate → guide → subgoal.
+
+    Attributes:
+        candidates: Who may lead where.
+        traces: The decisions of each episode that ended since `clear`, in order of ending.
+        decisions, chosen, reached: How often a scene came up, a candidate led there, and reached its
+            subgoal, since `clear`. [S], [S, C], [S, C]
+    """
+
+    def __init__(self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator) -> None:
+        scenes = len(target.clauses.bodies)
+        self.target = target
+        self.candidates = candidates
+        self.shape = (scenes, len(candidates.guides))
+        self.traces: list[list[TracedDecision]] = []
+        self._rng = rng
+        self._own_heads = domain_heads(target.task)
+        self._present: list[TracedDecision | None] = [None] * lanes
+        self._episode: list[list[TracedDecision]] = [[] for _ in range(lanes)]
+        self.clear()
+
+    def clear(self) -> None:
+        """Starts the counts and traces anew."""
+        self.traces = []
+        self.decisions = np.zeros(self.shape[0], np.intp)
+        self.chosen = np.zeros(self.shape, np.intp)
+        self.reached = np.zeros(self.shape, np.intp)
+
+    def refresh(self) -> None:
+        """Reads the target's clause weights anew, after an update."""
+        self._own = self.target.clauses.probabilities()
+
+    def weigh(self) -> Weighing:
+        """ψ, Φ and Λ of every candidate in every scene."""
+        raise NotImplementedError
+
+    def choose(self, lanes: Ints, scenes: Ints) -> tuple[Ints, Ints]:
+        """The guide and the head for each lane. [n], [n]"""
+        weighing = self.weigh()
+        weights = self._lane_weights(weighing.weight, lanes, scenes)
+        chosen = choose_guide(weights, self._rng)
+        audition = self._auditions(lanes, scenes, chosen)
+        chosen[audition] = TARGET
+        heads = self._heads(chosen, scenes)
+        for lane, scene, candidate, head, heard, row in zip(
+            lanes, scenes, chosen, heads, audition, weights, strict=True
+        ):
+            self._present[lane] = TracedDecision(
+                scene, candidate, head, 0, False, heard, weighing.similarity[scene], weighing.performance[scene], row
+            )
+        return self.candidates.guides[chosen], heads
+
+    def decided(self, outcome: Outcome) -> None:
+        """Counts what came of the decisions that ended."""
+        for lane, steps, reward, reached, done, following in zip(
+            outcome.lanes, outcome.steps, outcome.rewards, outcome.reached, outcome.done, outcome.next_scenes, strict=True
+        ):
+            present = self._present[lane]
+            assert present is not None
+            decision = present._replace(steps=int(steps), reached=bool(reached))
+            self._episode[lane].append(decision)
+            self.decisions[decision.scene] += 1
+            self.chosen[decision.scene, decision.candidate] += 1
+            self.reached[decision.scene, decision.candidate] += reached
+            self._learn(lane, decision, float(reward), None if done else int(following))
+            if done:
+                self.traces.append(self._episode[lane])
+                self._episode[lane] = []
+
+    def _heads(self, chosen: Ints, scenes: Ints) -> Ints:
+        heads = sample_rows(self.candidates.heads[chosen], self._rng)
+        own = chosen == TARGET
+        heads[own] = self._own_heads[sample_rows(self._own[scenes[own]], self._rng)]
+        return heads
+
+    def _lane_weights(self, weights: Table, lanes: Ints, scenes: Ints) -> Table:
+        return weights[scenes]
+
+    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> np.ndarray:
+        return np.zeros(len(lanes), np.bool_)
+
+    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
+        raise NotImplementedError
+
+
+class PaperGuides(GuideChooser):
+    """`guidance: paper`: Λ = ψ + Φ over running mean returns, Eqs. 2 and 3 to the letter."""
+
+    def __init__(self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator) -> None:
+        super().__init__(target, candidates, lanes, rng)
+        self._returns = MeanReturns(self.shape)
+        self._rewards: list[list[float]] = [[] for _ in range(lanes)]
+
+    def weigh(self) -> Weighing:
+        """ψ + Φ. [S, C] each"""
+        entropy = np.broadcast_to(self.candidates.entropy, self.shape).copy()
+        entropy[:, TARGET] = -(self._own * np.log(self._own + 1e-12)).sum(-1)
+        phi = performance(self._returns.mean, entropy)
+        return Weighing(self.candidates.similarity, phi, guidance_weight(self.candidates.similarity, phi))
+
+    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
+        self._rewards[lane].append(reward)
+        if following is not None:
+            return
+        return_ = 0.0
+        discount = self.target.settings.clauses.discount
+        for made, earned in zip(reversed(self._episode[lane]), reversed(self._rewards[lane]), strict=True):
+            return_ = earned + discount * return_
+            self._returns.record(made.scene, made.candidate, return_)
+        self._rewards[lane] = []
+
+
+class PlannedGuides(GuideChooser):
+    """`guidance: default`: the rules of `GuidanceSettings` over planned returns."""
+
+    def __init__(
+        self,
+        target: HybridPolicy,
+        candidates: Candidates,
+        lanes: int,
+        rng: np.random.Generator,
+        settings: GuidanceSettings,
+    ) -> None:
+        super().__init__(target, candidates, lanes, rng)
+        self.rules = settings
+        memory = np.where(candidates.guides == TARGET, settings.target_memory, settings.source_memory)
+        self._returns = PlannedReturns(self.shape, target.settings.clauses.discount, memory)
+        self._failed = np.zeros((lanes, *self.shape), np.float32)
+        self._heard = np.zeros(lanes, np.bool_)
+
+    def weigh(self) -> Weighing:
+        """ψ faded into the planned Φ; the target by merit, or out of curiosity. [S, C] each"""
+        returns = self._returns
+        known = np.where(np.isfinite(self.candidates.similarity), self.candidates.similarity, 0.0)
+        weights = faded_weight(known, returns.mean, returns.count, self.rules.fading)
+        weights[np.isneginf(self.candidates.similarity)] = -np.inf
+        measured = returns.count[:, TARGET] >= self.rules.audition_samples
+        merit = np.where(measured, returns.mean[:, TARGET] + self.rules.target_margin, 0.0)
+        weights[:, TARGET] = np.maximum(merit, self.rules.curiosity)
+        returns.sweep(weights.max(-1))
+        return Weighing(self.candidates.similarity, returns.mean.copy(), weights)
+
+    def _lane_weights(self, weights: Table, lanes: Ints, scenes: Ints) -> Table:
+        penalised = weights[scenes] - self.rules.failure_penalty * self._failed[lanes, scenes]
+        penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.curiosity)
+        return penalised
+
+    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> np.ndarray:
+        rate = self.rules.audition_rate * self._own[scenes].max(-1)
+        heard = (chosen != TARGET) & ~self._heard[lanes] & (self._rng.random(len(lanes)) < rate)
+        self._heard[lanes] |= heard
+        return heard
+
+    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
+        self._returns.record(decision.scene, decision.candidate, reward, following)
+        if not decision.reached:
+            self._failed[lane, decision.scene, decision.candidate] += 1
+        if following is None:
+            self._failed[lane] = 0
+            self._heard[lane] = False
+
+
+def learn(
+    target: HybridPolicy, sources: Sequence[Source], chooser: GuideChooser, seed: int, frames: int
+) -> Iterator[Round]:
+    """Algorithm 2: collects with the guides and trains the target, until `frames` are used up."""
+    settings = target.settings
+    environment = target.task.make(settings.lanes, seed)
+    rollout = Rollout(
+        environment,
+        target.task.horizon,
+        target.clauses,
+        chooser,
+        [target.low_level, *(source.actor for source in sources)],
+        settings.decisions,
+    )
+    buffer = RolloutBuffer.empty(settings.block, settings.lanes, environment.observation_size)
+    chooser.refresh()
+    while rollout.frames < frames:
+        episodes = rollout.collect(buffer)
+        target.low_level.update(buffer)
+        update_clauses(target, episodes)
+        chooser.refresh()
+        yield Round(rollout.frames, episodes)
