@@ -103,7 +103,7 @@ class SceneMet:
 
 
 def scenes_met(rows: Iterable[Document]) -> list[SceneMet]:
-    """Groups the rows of weights.jsonl by scene, the most frequent first, without scenes that never came up."""
+    """Groups the rows of weights.jsonl by scene, most frequent first, without those that never came up."""
     grouped: dict[tuple[str, ...], dict[str, dict[str, list[Document]]]] = {}
     for row in rows:
         phases = grouped.setdefault(tuple(row["scene"]), {})
@@ -173,8 +173,11 @@ def _guidance(document: Document, scenes: Sequence[SceneMet], labels: Labels) ->
     for scene in shown:
         parts += [
             Text(scene_text(scene.body), "bold"),
-            *(Padding(sentence, (0, 0, 0, 2)) for sentence in sentences(scene, labels, subgoals)),
-            Padding(_standings_table(scene, labels), (0, 0, 0, 2)),
+            *(
+                Padding(sentence, (0, 0, 0, 2), expand=False)
+                for sentence in sentences(scene, labels, subgoals)
+            ),
+            Padding(_standings_table(scene, labels), (0, 0, 0, 2), expand=False),
         ]
     rest = scenes[len(shown) :]
     if rest:
@@ -264,9 +267,9 @@ def _decision(decision: Document, labels: Labels) -> list[RenderableType]:
     who = f"{_name(decision['guide'], labels)}{audition} → {clean(decision['head'])}, {took}"
     return [
         line,
-        Padding(Text(who, "bold"), (0, 0, 0, 6)),
-        Padding(_candidates(decision, labels), (0, 0, 0, 6)),
-        Padding(Text(clean(decision["clause"]), "dim"), (0, 0, 0, 6)),
+        Padding(Text(who, "bold"), (0, 0, 0, 6), expand=False),
+        Padding(_candidates(decision, labels), (0, 0, 0, 6), expand=False),
+        Padding(Text(clean(decision["clause"]), "dim"), (0, 0, 0, 6), expand=False),
     ]
 
 

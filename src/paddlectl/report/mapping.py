@@ -1,4 +1,4 @@
-"""Ψ for people: scenes by the facts that hold in them; for each source its ψ and the scenes that attain it."""
+"""Ψ for people: scenes by the facts that hold in them; for each source its ψ and its best scenes."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

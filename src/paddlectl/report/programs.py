@@ -1,10 +1,11 @@
 """A policy's program: as a document, and for people."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 from rich.console import RenderableType
 from rich.padding import Padding
+from rich.table import Table
 
 from paddlectl.errors import IntegrityError, InvalidFileError
 from paddlectl.logic.clauses import Body, Program
@@ -66,22 +67,27 @@ def impossible_scenes(task: str, program: Program) -> tuple[Body, ...]:
 
 def program_parts(document: dict[str, Any]) -> list[RenderableType]:
     """The raw program with its probabilities, and the minimised one."""
-    raw = [_raw(clause) for clause in document["clauses"]]
+    raw = [
+        (f"{clause['probability']:.2f} ::", clause["head"], ", ".join(clause["body"]))
+        for clause in document["clauses"]
+    ]
+    short = [("", head, body) for head, _, body in (text.partition(" :- ") for text in document["minimised"])]
     return [
         f"{clean(document['policy'])} for {clean(document['task'])}",
         "",
         "Learned, with the probability that each clause is executed:",
-        *_lines(raw),
+        _grid(raw),
         "",
         "The same in its shortest clauses:",
-        *_lines(document["minimised"]),
+        _grid(short),
     ]
 
 
-def _raw(clause: dict[str, Any]) -> str:
-    body = ", ".join(clause["body"])
-    return f"{clause['probability']:.2f} :: {clause['head']}" + (f" :- {body}" if body else "")
-
-
-def _lines(texts: Sequence[str]) -> list[RenderableType]:
-    return [Padding(clean(text), (0, 0, 0, 2)) for text in texts] or ["  (nothing)"]
+def _grid(clauses: Iterable[tuple[str, str, str]]) -> RenderableType:
+    """Probability, head and body below each other, so that a body that is too long hangs."""
+    drawn = Table.grid(padding=(0, 1))
+    for _ in range(3):
+        drawn.add_column(overflow="fold")
+    for probability, head, body in clauses:
+        drawn.add_row(clean(probability), clean(f"{head} :-" if body else head), clean(body))
+    return Padding(drawn, (0, 0, 0, 2), expand=False) if drawn.row_count else "  (no clause)"

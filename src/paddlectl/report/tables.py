@@ -51,9 +51,13 @@ class Column:
 def table(columns: Iterable[Column], rows: Iterable[Row], title: str = "") -> Table:
     """A table of rows by their fields; a field that a row lacks is shown as a dash."""
     columns = tuple(columns)
-    drawn = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    drawn = Table(
+        title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True
+    )
     for column in columns:
-        drawn.add_column(column.title, justify="left" if column.written is words else "right")
+        drawn.add_column(
+            column.title, justify="left" if column.written is words else "right", overflow="fold"
+        )
     for row in rows:
         drawn.add_row(*(column.cell(row) for column in columns))
     return drawn

@@ -1,0 +1,172 @@
+"""What the commands answer about a registry whose numbers are known: JSON for scripts, text for people."""
+
+import pytest
+
+from paddlectl.registry.store import Registry
+from samples import GAP_BALL, TARGET, Command, add_source, add_transfer, body, program
+
+
+def psi(literals: int, heads: int = 1) -> float:
+    return 0.8 * literals / 6 + 0.2 * heads / 7
+
+
+# Target scene: for each source how many of its 6 literals agree, how many heads, and the scenes that tie.
+BY_HAND = {
+    "": (psi(4), ["E", "K"], psi(5), [""]),
+    "E": (psi(5), ["E"], psi(5), ["E"]),
+    "K": (psi(5), ["K"], psi(4), ["", "KO"]),
+    "X": (psi(4), ["EX"], psi(4), [""]),
+    "B": (psi(4), ["EB"], psi(5), [""]),
+    "G": (psi(4), ["E", "K"], psi(4), [""]),
+    "O": (psi(3), ["E", "K"], psi(4, 2), ["EO"]),
+    "EX": (psi(5), ["EX"], psi(4), ["E"]),
+    "EB": (psi(5), ["EB"], psi(5), ["E"]),
+    "EO": (psi(4), ["E"], psi(5, 2), ["EO"]),
+    "KO": (psi(4), ["K"], psi(5), ["KO"]),
+    "GO": (psi(3), ["E", "K"], psi(3, 2), ["EO"]),
+    "EOX": (psi(4), ["EX"], psi(4, 2), ["EO"]),
+}
+
+
+def test_similarity_by_hand(registry: Registry, command: Command) -> None:
+    answer = command(
+        "similarity", "--target", TARGET, "--source", "BlockedDoor", "--source", "GapBall", "--json"
+    )
+    found = answer.json
+    assert list(found) == ["target", "body_weight", "head_weight", "sources", "scenes"]
+    assert (found["target"], found["body_weight"], found["head_weight"]) == (TARGET, 0.8, 0.2)
+    assert found["sources"] == ["policy-1", "policy-2"]
+    scenes = {tuple(scene["body"]): scene for scene in found["scenes"]}
+    for true, (blocked, blocked_scenes, gap, gap_scenes) in BY_HAND.items():
+        scene = scenes[tuple(body(TARGET, true))]
+        assert len(scene["heads"]) == 7
+        assert scene["self_similarity"] == pytest.approx(max(blocked, gap), abs=1e-12)
+        one, two = scene["matches"]
+        assert (one["policy"], one["task"]) == ("policy-1", "BlockedDoor")
+        assert one["similarity"] == pytest.approx(blocked, abs=1e-12)
+        assert one["scenes"] == [body("BlockedDoor", each) for each in blocked_scenes]
+        assert two["similarity"] == pytest.approx(gap, abs=1e-12)
+        assert two["scenes"] == [body("GapBall", each) for each in gap_scenes]
+
+
+def test_similarity_without_sources_takes_the_best_of_every_other_task(
+    registry: Registry, command: Command
+) -> None:
+    assert command("similarity", "--target", TARGET, "--json").json["sources"] == ["policy-1", "policy-2"]
+    assert command("similarity", "--target", "GapBall", "--json").json["sources"] == ["policy-3", "policy-1"]
+
+
+def test_a_source_named_twice_counts_once(registry: Registry, command: Command) -> None:
+    answer = command(
+        "similarity", "--target", TARGET, "--source", "GapBall", "--source", "policy-2", "--json"
+    )
+    assert answer.json["sources"] == ["policy-2"]
+
+
+def test_one_weight_leaves_the_rest_to_the_other(registry: Registry, command: Command) -> None:
+    answer = command("similarity", "--target", TARGET, "--body-weight", "0.7", "--json").json
+    assert (answer["body_weight"], answer["head_weight"]) == (0.7, 0.3)
+
+
+def test_tasks(command: Command) -> None:
+    tasks = command("tasks", "--json").json["tasks"]
+    assert len(tasks) == 7
+    assert all(
+        list(task) == ["name", "domain", "horizon", "heads", "vocabulary", "summary"] for task in tasks
+    )
+    box_door = next(task for task in tasks if task["name"] == "BoxDoor")
+    assert box_door["heads"] == ["gt_box()", "gt_key()", "gt_door()"]
+    assert box_door["horizon"] == 320
+
+
+def test_policies_and_runs(registry: Registry, command: Command) -> None:
+    policies = command("policies", "--json").json["policies"]
+    assert [(row["policy"], row["task"]) for row in policies] == [
+        ("policy-3", TARGET),
+        ("policy-2", "GapBall"),
+        ("policy-1", "BlockedDoor"),
+    ]
+    assert policies[0]["success_rate"] == 0.97
+    runs = command("runs", "--json").json["runs"]
+    assert [(row["run"], row["kind"], row["status"]) for row in runs] == [
+        ("run-3", "transfer", "finished"),
+        ("run-2", "train", "finished"),
+        ("run-1", "train", "finished"),
+    ]
+    assert runs[0]["sources"] == ["policy-1", "policy-2"]
+    assert runs[0]["policy"] == "policy-3"
+
+
+def test_show(registry: Registry, command: Command) -> None:
+    found = command("show", "BlockedDoor", "--json").json
+    assert list(found) == ["policy", "task", "clauses", "minimised"]
+    assert (found["policy"], found["task"]) == ("policy-1", "BlockedDoor")
+    assert found["clauses"][0] == {
+        "head": "gt_blockage()",
+        "body": body("BlockedDoor", "EX"),
+        "probability": 0.98,
+    }
+    assert (
+        "put_blockage() :- has_blockage(agent), has_key(env), !is_blocked(door), !is_open(door)"
+        in found["minimised"]
+    )
+    text = command("show", "policy-1").out
+    assert "0.97 :: put_blockage() :-" in text
+
+
+def test_explain(registry: Registry, command: Command) -> None:
+    found = command("explain", "run-3", "--json").json
+    assert (found["run"], found["method"], found["target"]) == ("run-3", "paddle", TARGET)
+    assert found["sources"] == ["policy-1", "policy-2"]
+    assert found["program"]["policy"] == "policy-3"
+    assert found["mapping"] == command("similarity", "--target", TARGET, "--json").json
+    assert len(found["weights"]) == 7
+    assert {"scene", "policy", "similarity", "performance", "weight", "chosen", "phase"} <= set(
+        found["weights"][0]
+    )
+    assert found["trace"][0]["guide"] == "policy-1"
+    assert found["trace_scores"] == {"early": 0.9, "late": 0.0}
+
+
+def test_explain_says_who_led_and_why(registry: Registry, command: Command) -> None:
+    told = " ".join(command("explain").out.split())
+    assert (
+        "Early: BlockedDoor led 96 % of 400 decisions: ψ 0.69, Φ 0.41, the highest Λ 1.10"
+        " before GapBall's 0.76; its subgoal gt_blockage() was reached in 95 %." in told
+    )
+    assert "Late: the target itself led 70 % of 100 decisions" in told
+    assert (
+        "GapBall led 100 % of 50 decisions: ψ 0.69, Φ 0.30, Λ 0.99, with no rival; its subgoal gt_key()"
+        in told
+    )
+    assert "BlockedDoor → gt_blockage(), 12 steps, reached" in told
+    assert "jump-start 0.70, final score 0.88, success 97 %" in told
+
+
+def test_explain_takes_the_newest_transfer(registry: Registry, command: Command) -> None:
+    add_transfer(registry)
+    add_source(registry, "GapBall", program("GapBall", GAP_BALL))
+    assert command("explain", "--json").json["run"] == "run-4"
+    assert command("explain", "latest", "--json").json["run"] == "run-4"
+
+
+def test_text_fits_a_hundred_columns(registry: Registry, command: Command) -> None:
+    for line in ("explain", "runs", "policies", "show GapBall", f"similarity --target {TARGET}"):
+        assert max(map(len, command(*line.split()).out.splitlines())) <= 100
+
+
+def test_stored_text_is_no_markup_and_steers_no_terminal(registry: Registry, command: Command) -> None:
+    add_transfer(registry, scenario="[red]A[/red]\x1b[2J\x9b\u202e")
+    out = command("runs").out
+    assert "[red" in out
+    assert not set("\x1b\x9b\u202e") & set(out)
+
+
+def test_an_interrupted_transfer_is_explained_as_far_as_it_went(registry: Registry, command: Command) -> None:
+    run = registry.add_run(
+        kind="transfer", method="hdm", task=TARGET, scenario="A", sources=(), seed=0, settings={}, versions={}
+    )
+    registry.finish_run(run.id, status="interrupted", frames=10, episodes=0, seconds=0.1, results={})
+    found = command("explain", run.id, "--json").json
+    assert (found["program"], found["mapping"], found["weights"], found["trace"]) == (None, None, [], [])
+    assert "No policy was stored: the run is interrupted." in command("explain", run.id).out

@@ -1,0 +1,150 @@
+"""A registry filled through its own interface with two small sources and one transfer, all worked by hand."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from paddlectl.cli.similarity import similarity_document
+from paddlectl.registry.store import Registry
+from paddlectl.tasks.suite import load
+
+ROOT = Path(__file__).parents[1]
+TARGET = "BlockedBoxUnlockPickup"
+
+# (true facts, head, probability); the letters of FACTS
+BLOCKED_DOOR = [
+    ("EX", "gt_blockage", 0.98),
+    ("EB", "put_blockage", 0.97),
+    ("E", "gt_key", 0.99),
+    ("K", "gt_door", 0.96),
+]
+GAP_BALL = [
+    ("", "gt_box", 0.99),
+    ("E", "gt_key", 0.98),
+    ("KO", "put_key", 0.95),
+    ("EO", "gt_ball", 0.85),
+    ("EO", "gt_key", 0.15),
+]
+FACTS = {
+    "K": "has_key(agent)",
+    "E": "has_key(env)",
+    "B": "has_blockage(agent)",
+    "G": "has_ball(agent)",
+    "O": "is_open(door)",
+    "X": "is_blocked(door)",
+}
+
+
+def body(task: str, true: str) -> list[str]:
+    """The scene of a task in which exactly these facts hold."""
+    holding = {FACTS[letter] for letter in true}
+    atoms = sorted(load(task).vocabulary.atoms)
+    return [str(atom) if str(atom) in holding else f"!{atom}" for atom in atoms]
+
+
+def program(task: str, clauses: list[tuple[str, str, float]]) -> str:
+    return "\n".join(f"{p!r} :: {head}() :- {', '.join(body(task, true))}" for true, head, p in clauses)
+
+
+class Answer(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+
+Command = Callable[..., Answer]
+
+
+def add_source(registry: Registry, task: str, text: str, domain: str = "minigrid") -> None:
+    run = registry.add_run(
+        kind="train", method="hdm", task=task, scenario=None, sources=(), seed=0, settings={}, versions={}
+    )
+    add_policy(registry, run.id, task, text, domain)
+    registry.finish_run(
+        run.id, status="finished", frames=1000, episodes=10, seconds=2.0, results={"success_rate": 0.97}
+    )
+
+
+def add_policy(registry: Registry, run: str, task: str, text: str, domain: str = "minigrid") -> None:
+    registry.add_policy(
+        run=run,
+        task=task,
+        domain=domain,
+        method="hdm",
+        seed=0,
+        frames=1000,
+        program=text,
+        checkpoint=task.encode(),
+        success_rate=0.97,
+        mean_score=0.93,
+        mean_length=30.0,
+        crispness=0.96,
+        metadata={},
+    )
+
+
+def add_transfer(registry: Registry, scenario: str = "A") -> None:
+    sources = [registry.policy("policy-1"), registry.policy("policy-2")]
+    run = registry.add_run(
+        kind="transfer",
+        method="paddle",
+        task=TARGET,
+        scenario=scenario,
+        sources=[source.id for source in sources],
+        seed=0,
+        settings={},
+        versions={},
+    )
+    registry.write_document(run.id, "mapping", similarity_document(load(TARGET), sources, 0.8, 0.2))
+    registry.append_rows(run.id, "weights", weight_rows())
+    registry.write_document(
+        run.id, "trace", {"early": [decision()], "late": [], "score_early": 0.9, "score_late": 0.0}
+    )
+    add_policy(registry, run.id, TARGET, program(TARGET, [("EX", "gt_blockage", 0.9), ("X", "gt_box", 0.8)]))
+    registry.finish_run(
+        run.id,
+        status="finished",
+        frames=60_000,
+        episodes=900,
+        seconds=20.0,
+        results={"jump_start": 0.7, "final_score": 0.88, "success_rate": 0.97, "area_under_curve": 0.8},
+    )
+
+
+def weight_rows() -> list[dict[str, Any]]:
+    rows = [
+        # phase, true facts, policy, task, ψ, Φ, Λ, decisions, chosen, reached
+        ("early", "EX", "policy-1", "BlockedDoor", 0.695, 0.41, 1.105, 400, 384, 365),
+        ("early", "EX", "policy-2", "GapBall", 0.562, 0.2, 0.762, 400, 12, 3),
+        ("early", "EX", "target", TARGET, 0.695, 0.0, 0.695, 400, 4, 0),
+        ("late", "EX", "policy-1", "BlockedDoor", 0.695, 0.5, 1.195, 100, 30, 30),
+        ("late", "EX", "policy-2", "GapBall", 0.562, 0.2, 0.762, 100, 0, 0),
+        ("late", "EX", "target", TARGET, 0.695, 0.55, 1.245, 100, 70, 70),
+        ("early", "E", "policy-2", "GapBall", 0.695, 0.3, 0.995, 50, 50, 25),
+    ]
+    fields = ("phase", "scene", "policy", "task", "similarity", "performance", "weight")
+    counts = ("decisions", "chosen", "reached")
+    found = [dict(zip(fields + counts, row, strict=True)) | {"frames": 100} for row in rows]
+    return [row | {"scene": body(TARGET, str(row["scene"]))} for row in found]
+
+
+def decision() -> dict[str, Any]:
+    return {
+        "step": 0,
+        "scene": body(TARGET, "EX"),
+        "clause": program("BlockedDoor", BLOCKED_DOOR[:1]).partition(":: ")[2],
+        "guide": "policy-1",
+        "weights": [
+            {"policy": "policy-1", "similarity": 0.695, "performance": 0.41, "weight": 1.105},
+            {"policy": "policy-2", "similarity": 0.562, "performance": 0.2, "weight": 0.762},
+            {"policy": "target", "similarity": 0.695, "performance": 0.0, "weight": 0.695},
+        ],
+        "head": "gt_blockage()",
+        "steps": 12,
+        "reached": True,
+    }

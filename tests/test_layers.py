@@ -1,0 +1,93 @@
+"""The house's rules on imports, read from the source: direction, cycles, and each package's home room."""
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parents[1] / "src" / "paddlectl"
+FLOOR = {
+    "cli": 5, "__main__": 6,
+    "experiments": 4, "report": 4, "statistics": 4,
+    "transfer": 3, "scenario": 3,  # below experiments, which runs scenarios
+    "hybrid": 2, "transfer.similarity": 2, "transfer.performance": 2, "transfer.guidance": 2,
+    "transfer.documents": 2, "registry": 2,
+    "tasks": 1, "learners": 1,
+    "logic": 0, "errors": -1,
+}  # fmt: skip
+HOMES = {
+    "torch": {"learners", "hybrid", "transfer", "experiments"},
+    "gymnasium": {"tasks"}, "minigrid": {"tasks"}, "gymnasium_robotics": {"tasks"}, "mujoco": {"tasks"},
+    "sympy": {"logic"}, "sqlalchemy": {"registry"}, "alembic": {"registry"},
+    "safetensors": {"registry", "experiments", "learners", "hybrid"},
+    "pydantic": {"scenario"}, "yaml": {"scenario"},
+    "rich": {"report"}, "matplotlib": {"report"}, "jinja2": {"report"}, "PIL": {"report", "tasks"},
+    "typer": {"cli"},
+}  # fmt: skip
+EVERYWHERE = {"numpy"}
+BANNED = {"pickle", "dill", "joblib", "tarfile", "shelve", "marshal"}
+STANDARD_ONLY = {"logic", "errors"}
+
+MODULES = {
+    path: ".".join(path.relative_to(SOURCE).with_suffix("").parts)
+    for path in SOURCE.rglob("*.py")
+    if path.name != "__init__.py"
+}
+
+
+def room_of(module: str) -> str:
+    return next(room for room in sorted(FLOOR, key=len, reverse=True) if f"{module}.".startswith(f"{room}."))
+
+
+def imports_of(path: Path) -> Iterator[str]:
+    """Every module named in an import, wherever it stands; `from a import b` names a and a.b."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level and node.module, f"{path}: write imports in full"
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def house_imports(path: Path) -> set[str]:
+    named = {name.removeprefix("paddlectl.") for name in imports_of(path) if name.startswith("paddlectl.")}
+    return named & set(MODULES.values())
+
+
+@pytest.mark.parametrize("path", MODULES, ids=MODULES.values())
+def test_imports_run_downward(path: Path) -> None:
+    room = room_of(MODULES[path])
+    for module in house_imports(path):
+        other = room_of(module)
+        same = other.split(".")[0] == room.split(".")[0] and FLOOR[other] == FLOOR[room]
+        assert same or FLOOR[other] < FLOOR[room], f"{MODULES[path]} imports {module}"
+    if room == "registry":
+        assert {room_of(module) for module in house_imports(path)} <= {"registry", "logic", "errors"}
+
+
+@pytest.mark.parametrize("path", MODULES, ids=MODULES.values())
+def test_packages_stay_at_home(path: Path) -> None:
+    room = room_of(MODULES[path])
+    packages = {name.split(".")[0] for name in imports_of(path)} - {"paddlectl"}
+    assert not packages & BANNED
+    for package in packages & set(HOMES):
+        assert room in HOMES[package], f"{MODULES[path]} imports {package}"
+    if room in STANDARD_ONLY:
+        assert not packages & EVERYWHERE
+    unknown = packages - set(HOMES) - EVERYWHERE - set(sys.stdlib_module_names)
+    assert not unknown, f"no home is named for {unknown}"
+
+
+def test_no_cycles() -> None:
+    below = {name: house_imports(path) - {name} for path, name in MODULES.items()}
+    while free := [name for name, needs in below.items() if not needs & below.keys()]:
+        for name in free:
+            del below[name]
+    assert not below, f"these import each other: {sorted(below)}"
+
+
+def test_package_files_are_empty() -> None:
+    assert all(not path.read_text() for path in SOURCE.rglob("__init__.py") if "migrations" not in path.parts)
