@@ -102,7 +102,7 @@ def read_document(folder: Path, name: str) -> Any | None:
 
 def sync_files(folder: Path) -> None:
     """Forces every file of the folder to the disk."""
-    for path in folder.iterdir():
+    for path in filter(Path.is_file, folder.iterdir()):
         with path.open("rb") as file:
             os.fsync(file.fileno())
 

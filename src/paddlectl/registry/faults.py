@@ -31,7 +31,7 @@ def faults(place: str) -> Iterator[None]:
         yield
     except DBAPIError as error:
         raise _database_fault(place, error.orig) from error
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # the latter where SQLite's message quotes damage
         raise _database_fault(place, error) from error
     except OSError as error:
         raise _system_fault(place, error) from error
@@ -40,19 +40,20 @@ def faults(place: str) -> Iterator[None]:
 def _database_fault(place: str, error: BaseException | None) -> PaddlectlError:
     # The low byte is the kind of fault. The driver's own errors, such as text that isn't UTF-8, have none.
     code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+    what = "".join(c if c.isprintable() else "?" for c in str(error)[:200])
     if code in _BUSY:
         return busy(place)
     if code == sqlite3.SQLITE_FULL:
         return _full(place)
     if code in _CLOSED:
         return PaddlectlError(
-            f"the registry {place} can't be opened or written: {error}",
+            f"the registry {place} can't be opened or written: {what}",
             "check that it is there and that you may write to it",
         )
     if code == sqlite3.SQLITE_IOERR:
-        return PaddlectlError(f"the disk failed under the registry {place}: {error}", "nothing was changed")
+        return PaddlectlError(f"the disk failed under the registry {place}: {what}", "nothing was changed")
     return IntegrityError(
-        f"{place}/registry.db is damaged or no registry: {error}",
+        f"{place}/registry.db is damaged or no registry: {what}",
         "restore it from a copy, or move the folder aside",
     )
 
