@@ -88,11 +88,12 @@ class Mark(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """What is wrong, at which key path, and whether it is the key itself."""
+    """What is wrong, at which key path, and whether the key itself is wrong or something is absent."""
 
     path: KeyPath
     message: str
     at_key: bool = False
+    absent: bool = False
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -112,7 +113,8 @@ def load_scenario(path: Path) -> Scenario:
         problems = list(_misuses(scenario))
         if not problems:
             return scenario
-    mark, message = min((reader.mark(path, at_key), message) for path, message, at_key in problems)
+    # What stands wrong comes before what is missing, for it may be the reason: `targt` for `target`.
+    _, mark, message = min((p.absent, reader.mark(p.path, p.at_key), p.message) for p in problems)
     raise reader.error(mark, message)
 
 
@@ -182,6 +184,8 @@ _SAID = {
     "float_type": "must be a number",
     "bool_type": "must be true or false",
     "tuple_type": "must be a list",
+    "too_short": "must not be empty",
+    "too_long": "has too many entries",
     "model_type": "must be a mapping of keys to values",
     "model_attributes_type": "must be a mapping of keys to values",
     "string_pattern_mismatch": "may hold letters, digits, spaces and _ . , + - only",
@@ -192,14 +196,15 @@ def _told(error: Any) -> Problem:
     path: KeyPath = tuple(error["loc"])
     kind, context = error["type"], error.get("ctx", {})
     if kind == "missing":
-        return Problem(path[:-1], f"missing key {path[-1]!r}")
+        return Problem(path[:-1], f"missing key {path[-1]!r}", absent=True)
     if kind == "extra_forbidden":
         known = _SECTIONS[path[:-1]]
         return Problem(path, unknown("key", str(path[-1]), tuple(known.model_fields)), at_key=True)
     if kind == "value_error":
         return Problem(path, str(context["error"]))
     text = _SAID.get(kind, error["msg"][:1].lower() + error["msg"][1:])
-    return Problem(path, f"{'.'.join(str(part) for part in path) or 'a scenario'}: {text}")
+    where = ".".join(str(part) for part in path) or "a scenario"
+    return Problem(path, f"{where}: {text}", absent=kind == "too_short")
 
 
 class _Reader:

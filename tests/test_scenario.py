@@ -1,0 +1,184 @@
+"""Scenario files: what is read, and where and how every mistake is told."""
+
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from paddlectl.errors import InvalidFileError, NotFoundError
+from paddlectl.scenario import Guidance, Scenario, Similarity, load_scenario
+from samples import ROOT
+
+GOOD = """\
+name: A
+target: BlockedBoxUnlockPickup
+sources: [BlockedDoor, GapBall]
+method: paddle
+seeds: [0, 1, 2]
+frames: 400000
+similarity: {body_weight: 0.8, head_weight: 0.2}
+guidance: {mode: default}
+"""
+
+
+def write(folder: Path, text: str | bytes) -> Path:
+    path = folder / "x.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def refusal(folder: Path, text: str | bytes) -> str:
+    path = write(folder, text)
+    with pytest.raises(InvalidFileError) as caught:
+        load_scenario(path)
+    assert "\n" not in caught.value.message
+    return caught.value.message.removeprefix(f"{path}:")
+
+
+def test_a_scenario(tmp_path: Path) -> None:
+    assert load_scenario(write(tmp_path, GOOD)) == Scenario(
+        name="A",
+        target="BlockedBoxUnlockPickup",
+        sources=("BlockedDoor", "GapBall"),
+        seeds=(0, 1, 2),
+        frames=400_000,
+        similarity=Similarity(body_weight=0.8, head_weight=0.2),
+        guidance=Guidance(mode="default"),
+    )
+
+
+def test_defaults_and_block_style(tmp_path: Path) -> None:
+    text = 'name: "0100"  # a text, as written\ntarget: DoorBall\nsources:\n  - DoorBall\n'
+    found = load_scenario(write(tmp_path, text))
+    assert found == Scenario(name="0100", target="DoorBall", sources=("DoorBall",))
+    assert (found.method, found.seeds, found.frames) == ("paddle", (0,), 400_000)
+    assert found.similarity == Similarity(body_weight=0.8, head_weight=0.2)
+
+
+@pytest.mark.parametrize(
+    "target, suffix", [("BlockedBoxUnlockPickup", ""), ("BlockedBoxPlaceGoal", "-place")]
+)
+@pytest.mark.parametrize(
+    "letter, second", [("A", "GapBall"), ("B", "DoorBall"), ("C", "BoxDoor"), ("D", "OpenGoal")]
+)
+def test_the_papers_scenarios(letter: str, second: str, target: str, suffix: str) -> None:
+    found = load_scenario(ROOT / "scenarios" / f"{letter}{suffix}.yaml")
+    assert (found.name, found.target) == (letter + suffix, target)
+    assert found.sources == ("BlockedDoor", second)
+    assert (found.seeds, found.frames, found.method) == ((0, 1, 2, 3, 4, 5), 400_000, "paddle")
+
+
+MISTAKES = [
+    # (text to replace, with what, what is told from the position on)
+    ("target:", "targt:", "2:1: unknown key 'targt'; did you mean 'target'?"),
+    ("target: BlockedBoxUnlockPickup\n", "", "1:1: missing key 'target'"),
+    ("GapBall", "GapBal", "3:24: unknown task 'GapBal'; did you mean 'GapBall'?"),
+    ("GapBall", "gapball", "3:24: unknown task 'gapball'; did you mean 'GapBall'?"),
+    ("GapBall", "BlockedDoor", "3:24: 'BlockedDoor' stands twice in sources"),
+    ("paddle", "padle", "4:9: unknown method 'padle'; did you mean 'paddle'?"),
+    ("paddle", "dqn", "4:9: unknown method 'dqn'; there are paddle, hdm"),
+    ("[0, 1, 2]", "[0, 1, 1]", "5:15: 1 stands twice in seeds"),
+    ("[0, 1, 2]", "[0, -1]", "5:12: seeds.1: input should be greater than or equal to 0"),
+    ("[0, 1, 2]", "[]", "5:8: seeds: must not be empty"),
+    ("[0, 1, 2]", "3", "5:8: seeds: must be a list"),
+    ("[0, 1, 2]", "[true]", "5:9: seeds.0: must be a whole number"),
+    ("400000", "0", "6:9: frames: input should be greater than 0"),
+    ("400000", "4e5", "6:9: frames: must be a whole number"),
+    ("400000", '"400000"', "6:9: frames: must be a whole number"),
+    ("400000", "1:30", "6:9: frames: must be a whole number"),
+    ("400000", "0100", "6:9: frames: must be a whole number"),
+    ("400000", "9" * 5000, "6:9: a number of more than 18 digits"),
+    ("400000", "&x 400000", "6:9: anchors and aliases aren't allowed; write the value out"),
+    ("400000", "*x", "6:9: anchors and aliases aren't allowed; write the value out"),
+    ("400000", "!!int 400000", "6:9: tags aren't allowed: 'tag:yaml.org,2002:int'"),
+    ("name: A", "name: !!python/object:os.system A", "1:7: tags aren't allowed: 'tag:yaml.org,2002:python"),
+    ("name: A", "name: [red]", "1:7: name: must be a text"),
+    ("name: A", "name: ../../etc", "1:7: name: may hold letters, digits, spaces and _ . , + - only"),
+    ("frames: 400000", "seeds: [4]", "6:1: key 'seeds' stands twice"),
+    ("frames: 400000", "1: 2", "6:1: a key must be a plain text"),
+    ("frames: 400000", "<<: {a: 1}", "6:1: unknown key '<<'"),
+    ("0.8", ".nan", "7:27: similarity.body_weight: must be a number"),
+    ("0.8", ".inf", "7:27: similarity.body_weight: must be a number"),
+    ("0.8", "1e999", "7:27: a number too large to hold"),
+    ("0.8", "1.2", "7:27: similarity.body_weight: input should be less than or equal to 1"),
+    ("0.8", "0.7", "7:13: body_weight and head_weight must add up to 1"),
+    ("body_weight", "bodyweight", "7:14: unknown key 'bodyweight'; did you mean 'body_weight'?"),
+    ("{mode: default}", "{mode: papr}", "8:18: guidance.mode: input should be 'default' or 'paper'"),
+    ("{mode: default}", "default", "8:11: guidance: must be a mapping of keys to values"),
+    ("{mode: default}", "{mode: default", "9:1: not YAML: did not find expected ',' or '}'"),
+    ("{mode: default}", "{mode: default}\n---\nname: B", "9:1: a second document"),
+    ("{mode: default}", "\tdefault", "8:12: guidance: must be a mapping"),
+    ("name: A", "name: A\x07", "1:8: a character that YAML doesn't allow"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("old, new, told", MISTAKES, ids=[told[:60] for _, _, told in MISTAKES])
+def test_a_mistake_is_told_with_its_place(tmp_path: Path, old: str, new: str, told: str) -> None:
+    assert GOOD.count(old) >= 1
+    assert refusal(tmp_path, GOOD.replace(old, new, 1)).startswith(told)
+
+
+def test_of_two_mistakes_the_first_in_the_file_is_told(tmp_path: Path) -> None:
+    assert refusal(tmp_path, GOOD.replace("name: A", "name: 3").replace("400000", "x")).startswith(
+        "1:7: name"
+    )
+
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{b}: &{b} [{', '.join(['*' + a] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    "text, told",
+    [
+        ("", "1:1: the file is empty"),
+        ("# nothing\n", "1:1: the file is empty"),
+        ("just a text", "1:1: a scenario: must be a mapping of keys to values"),
+        ("- name: A", "1:1: a scenario: must be a mapping of keys to values"),
+        (b"name: \xff", "1:7: not UTF-8 text"),
+        ("x" * 1_000_001, "1:1: larger than 1,000,000 bytes; a scenario isn't"),
+        ("name: " + "[" * 500_000, "1:23: nested deeper than 16 levels"),
+        ("name: " + "{a: " * 100_000, "1:68: nested deeper than 16 levels"),
+        ("name: [" + "1," * 400_000 + "]", "1:20002: more than 10,000 values; a scenario has fewer"),
+        (BOMB, "1:4: anchors and aliases aren't allowed; write the value out"),
+        ("a: &a [*a]", "1:4: anchors and aliases aren't allowed; write the value out"),
+        ('name: "\\ud800"', "1:"),
+        ("%YAML 9.9\n---\nname: A", "1:1: not YAML"),
+    ],
+    ids=lambda value: repr(value)[:30],
+)
+def test_hostile_files_are_refused_quickly(tmp_path: Path, text: str | bytes, told: str) -> None:
+    began = time.process_time()
+    assert refusal(tmp_path, text).startswith(told)
+    assert time.process_time() - began < 2.0
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    write(tmp_path, GOOD)
+    with pytest.raises(NotFoundError) as caught:
+        load_scenario(tmp_path / "y.yaml")
+    assert caught.value.message == f"no file {tmp_path / 'y.yaml'}"
+    assert caught.value.hint == f"did you mean {tmp_path / 'x.yaml'}?"
+    with pytest.raises(InvalidFileError, match="not a file"):
+        load_scenario(tmp_path)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data())
+def test_a_mutated_file_is_read_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    text = bytearray(GOOD.encode())
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(text) - 1))
+        text[place : place + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
+    path = write(tmp_path_factory.getbasetemp(), bytes(text))
+    try:
+        assert isinstance(load_scenario(path), Scenario)
+    except InvalidFileError as error:
+        place, _, _ = error.message.removeprefix(f"{path}:").partition(": ")
+        line, column = place.split(":")
+        assert int(line) >= 1 and int(column) >= 1
