@@ -1,0 +1,199 @@
+"""Every mistake and fault: its exit code, one or two lines on stderr, nothing on stdout, no traceback."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from paddlectl.cli import app
+from paddlectl.registry.store import Registry
+from samples import BLOCKED_DOOR, ROOT, TARGET, Answer, Command, add_source, program
+
+Process = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def expect(answer: Answer, code: int, *lines: str) -> None:
+    assert (answer.code, answer.out) == (code, "")
+    told = answer.err.splitlines()
+    assert 1 <= len(told) <= 2
+    assert told[0].startswith("error: ")
+    for line in lines:
+        assert line in answer.err
+
+
+USAGE = [
+    ("trian", "Did you mean 'train'"),
+    ("runs --jsn", "--jsn; did you mean --json?"),
+    ("show", "Missing argument 'POLICY'"),
+    ("train BoxDoor --seed x", "'x' is not a valid int"),
+    ("train BoxDoor --seed -1", "not seeds: '-1'"),
+    ("train BoxDoor --seeds 5-0", "the lower one first"),
+    ("train BoxDoor --seeds 0,0", "a seed stands twice"),
+    ("train BoxDoor --seeds 0-99999999", "more than 1000 seeds"),
+    ("train BoxDoor --seeds 1,,2", "write them as 0-5 or 0,3,7"),
+    ("train BoxDoor --seed 1 --seeds 0-5", "exclude each other"),
+    ("train BoxDoor --frames 0", "0 is not in the range x>=1"),
+    ("evaluate BoxDoor --episodes 0", "not in the range"),
+    (f"similarity --target {TARGET} --body-weight 1.5", "a weight lies in [0, 1]"),
+    (f"similarity --target {TARGET} --body-weight nan", "a weight lies in [0, 1]"),
+    (f"similarity --target {TARGET} --body-weight 0.5 --head-weight 0.4", "must add up to 1"),
+    (f"transfer {ROOT}/scenarios/A.yaml --method padle", "unknown method 'padle'; did you mean 'paddle'?"),
+]
+
+
+@pytest.mark.parametrize("line, told", USAGE, ids=[line for line, _ in USAGE])
+def test_usage(registry: Registry, command: Command, line: str, told: str) -> None:
+    expect(command(*line.split()), 2, told)
+
+
+MISSING = [
+    ("train BoxDor", "did you mean BoxDoor"),
+    ("similarity --target BoxDor", "did you mean BoxDoor"),
+    ("show policy-9", "no policy policy-9"),
+    ("show DoorBall", "run: paddlectl train DoorBall"),
+    ("evaluate OpenGoal", "run: paddlectl train OpenGoal"),
+    ("evaluate GapBall --task BoxDor", "did you mean BoxDoor"),
+    (f"similarity --target {TARGET} --source DoorBall", "run: paddlectl train DoorBall"),
+    ("explain run-77", "no run run-77"),
+    ("explain run-1", "run: paddlectl show policy-1"),
+    ("transfer nowhere.yaml", "no file nowhere.yaml"),
+    (f"transfer {ROOT}/scenarios/B.yaml", "run: paddlectl train DoorBall"),
+]
+
+
+@pytest.mark.parametrize("line, told", MISSING, ids=[line for line, _ in MISSING])
+def test_what_is_not_there(registry: Registry, command: Command, line: str, told: str) -> None:
+    expect(command(*line.split()), 4, told)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["policies", "runs", "show BoxDoor", "explain", f"similarity --target {TARGET}", "evaluate BoxDoor"],
+)
+def test_no_registry(command: Command, tmp_path: Path, line: str) -> None:
+    expect(
+        command(*line.split(), "--registry", tmp_path / "none"), 4, "no registry at", "run: paddlectl train"
+    )
+    assert not (tmp_path / "none").exists()
+
+
+def test_no_transfer_yet(command: Command, tmp_path: Path) -> None:
+    add_source(Registry.open(tmp_path / "registry"), "BlockedDoor", program("BlockedDoor", BLOCKED_DOOR))
+    expect(command("explain"), 4, "no transfer in", "run: paddlectl transfer")
+
+
+def test_a_bad_scenario_is_told_with_its_place(command: Command, tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text("name: A\ntargt: BoxDoor\nsources: [GapBall]\n")
+    expect(command("transfer", path), 3, f"{path}:2:1: unknown key 'targt'; did you mean 'target'?")
+
+
+def test_a_source_of_another_domain(registry: Registry, command: Command) -> None:
+    add_source(registry, "CoffeeMaze", "", domain="maze2d")
+    expect(command("similarity", "--target", TARGET, "--source", "CoffeeMaze"), 2, "CoffeeMaze of maze2d")
+
+
+def test_a_damaged_program_is_refused(registry: Registry, command: Command) -> None:
+    add_source(registry, "DoorBall", "0.9 :: gt_key( :-")
+    for line in ("show DoorBall", f"similarity --target {TARGET} --source DoorBall"):
+        expect(command(*line.split()), 5, "the program of policy-4 is damaged", "run: paddlectl train"[5:])
+
+
+@pytest.mark.parametrize("name", ["mapping.json", "trace.json", "weights.jsonl"])
+@pytest.mark.parametrize(
+    "text", ["[1]\n", '{"scenes": 3, "early": 3}\n', "not json\n", '{"early": [{"step": 1}]}\n']
+)
+def test_damaged_files_of_a_run_are_refused(
+    registry: Registry, command: Command, name: str, text: str
+) -> None:
+    (Path(registry.location) / "runs" / "run-3" / name).write_text(text)
+    expect(command("explain", "run-3"), 5)
+    expect(command("explain", "run-3", "--json"), 5)
+
+
+def test_a_registry_of_a_newer_version(registry: Registry, command: Command) -> None:
+    file = Path(registry.location) / "registry.db"
+    with sqlite3.connect(file) as connection:
+        connection.execute("update alembic_version set version_num = '9999'")
+    connection.close()
+    before = file.read_bytes()
+    for line in ("runs", "train BoxDoor", "show GapBall"):
+        expect(command(*line.split()), 7)
+    assert file.read_bytes() == before
+
+
+def test_a_registry_that_is_none(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "registry").mkdir()
+    (tmp_path / "registry" / "registry.db").write_bytes(os.urandom(5000))
+    expect(command("runs"), 5)
+
+
+def test_a_fault_of_the_disk_is_one_line(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(**_: object) -> None:
+        raise OSError(28, "No space left on device", "/there/registry.db")
+
+    monkeypatch.setattr(app, "app", full)
+    expect(command("runs"), 1, "error: No space left on device: /there/registry.db")
+
+
+def test_the_unexpected_is_one_line_and_a_log(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def wrong(**_: object) -> None:
+        raise RuntimeError("a\x1b[2Jb\nc")
+
+    monkeypatch.setattr(app, "app", wrong)
+    monkeypatch.delenv("PADDLECTL_DEBUG", raising=False)
+    answer = command("runs")
+    expect(answer, 1, r"unexpected RuntimeError: a\x1b[2Jb c")
+    log = Path(answer.err.splitlines()[1].removeprefix("the details are in "))
+    assert "RuntimeError" in log.read_text()
+    log.unlink()
+
+
+def test_names_given_by_a_user_steer_no_terminal(registry: Registry, command: Command) -> None:
+    answer = command("show", "x\x1b[2J\ny[red]")
+    expect(answer, 4)
+    assert "\x1b" not in answer.err
+
+
+def test_a_reader_that_leaves_is_no_error(registry: Registry) -> None:
+    line = f"{sys.executable} -m paddlectl explain --json | head -c 10"
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PADDLECTL_REGISTRY": registry.location}
+    done = subprocess.run(line, shell=True, env=environment, capture_output=True, timeout=60, check=False)
+    assert done.stderr == b""
+    assert len(done.stdout) == 10
+
+
+SLOW = """
+import sys, time
+from paddlectl.cli import app
+def wait(**_):
+    print("ready", flush=True)
+    time.sleep(60)
+app.app = wait
+sys.argv = ["paddlectl", "runs"]
+sys.exit(app.main())
+"""
+
+
+@pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_has_its_own_exit_code(number: signal.Signals, code: int) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    with subprocess.Popen(
+        [sys.executable, "-c", SLOW],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as child:
+        assert child.stdout is not None and child.stderr is not None
+        assert child.stdout.readline() == "ready\n"
+        time.sleep(0.1)
+        child.send_signal(number)
+        assert child.wait(10) == code
+        assert child.stderr.read().splitlines() in ([], ["interrupted"])

@@ -1,0 +1,150 @@
+"""What a command loads, what `--help` costs, and what the shell completes."""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from paddlectl.registry.store import Registry
+from samples import ROOT, TARGET
+
+HEAVY = {"torch", "gymnasium", "minigrid", "mujoco", "pandas", "matplotlib", "alembic", "pydantic"}
+COMMANDS = ["tasks", "train", "evaluate", "policies", "runs", "show", "similarity", "transfer", "explain"]
+
+LOADED = """
+import atexit, sys
+atexit.register(lambda: print(*sys.modules, file=sys.stderr))
+from paddlectl.cli.app import main
+sys.argv[0] = "paddlectl"
+sys.exit(main())
+"""
+
+BARE = """
+import typer
+app = typer.Typer()
+def one(): "Does something."
+for number in range({count}):
+    app.command(f"command{{number}}")(one)
+app()
+"""
+
+
+def run(code: str, *arguments: object, **variables: str) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")} | variables
+    line = [sys.executable, "-c", code, *map(str, arguments)]
+    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def loaded(*arguments: object) -> set[str]:
+    return {name.split(".")[0] for name in run(LOADED, *arguments).stderr.split()}
+
+
+def test_help_loads_nothing_heavy() -> None:
+    assert not loaded("--help") & (HEAVY | {"numpy", "sqlalchemy", "yaml", "sympy"})
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_of_a_command_loads_nothing_heavy_and_ends_with_an_example(name: str) -> None:
+    done = run(LOADED, name, "--help")
+    assert not {module.split(".")[0] for module in done.stderr.split()} & (HEAVY | {"numpy", "sqlalchemy"})
+    assert f"Example: paddlectl {name}" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "line", ["runs", "policies", "show GapBall", f"similarity --target {TARGET}", "explain", "tasks --json"]
+)
+def test_reading_loads_no_torch(registry: Registry, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PADDLECTL_REGISTRY", registry.location)
+    assert not loaded(*line.split()) & HEAVY
+
+
+def test_help_costs_little_more_than_a_bare_app(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cheapest of several interleaved runs each, by processor time: noise only ever adds."""
+    monkeypatch.setenv("PYTHONPATH", str(ROOT / "src"))
+    ours = "import sys; from paddlectl.cli.app import main; sys.exit(main())"
+    bare = BARE.format(count=len(COMMANDS))
+    costs: dict[str, list[float]] = {ours: [], bare: []}
+    for _ in range(2):
+        for code in costs:
+            run(code, "--help")  # writes the byte code
+    ratio = float("inf")
+    for _ in range(4):
+        for _ in range(6):
+            for code, found in costs.items():
+                found.append(processor_seconds(code))
+        ratio = min(costs[ours]) / min(costs[bare])
+        if ratio <= 1.15:
+            break
+    print(f"--help costs {ratio:.2f} of a bare app's")
+    assert ratio <= 1.15
+
+
+def processor_seconds(code: str) -> float:
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", code, "--help"], stdout=subprocess.DEVNULL, timeout=60, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def complete(line: str, **variables: str) -> list[str]:
+    words = line.split(" ")
+    done = run(
+        LOADED,
+        _PADDLECTL_COMPLETE="complete_bash",
+        COMP_WORDS=line,
+        COMP_CWORD=str(len(words) - 1),
+        **variables,
+    )
+    modules = {name.split(".")[0] for name in done.stderr.split()}
+    assert not modules & HEAVY
+    assert "sys" in modules
+    return done.stdout.split()
+
+
+def test_completion_of_commands_tasks_policies_runs(registry: Registry) -> None:
+    where = {"PADDLECTL_REGISTRY": registry.location}
+    assert complete("paddlectl tr") == ["train", "transfer"]
+    assert complete("paddlectl train Box") == ["BoxDoor"]
+    assert complete("paddlectl train BoxDoor Gap") == ["GapBall"]
+    assert complete("paddlectl similarity --target BlockedBoxU") == [TARGET]
+    assert complete("paddlectl show ", **where) == [
+        TARGET,
+        "GapBall",
+        "BlockedDoor",
+        "policy-3",
+        "policy-2",
+        "policy-1",
+    ]
+    assert complete("paddlectl explain run", **where) == ["run-3", "run-2", "run-1"]
+    assert complete(f"paddlectl show --registry {registry.location} policy-1") == ["policy-1"]
+
+
+def test_completion_of_scenario_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    assert complete("paddlectl transfer scen") == ["scenarios/"]
+    assert complete("paddlectl transfer scenarios/A") == ["scenarios/A-place.yaml", "scenarios/A.yaml"]
+
+
+def test_completion_is_silent_about_trouble(tmp_path: Path) -> None:
+    assert complete("paddlectl show ", PADDLECTL_REGISTRY=str(tmp_path / "none")) == []
+
+
+def test_json_is_all_there_is_on_stdout(
+    process: Callable[..., subprocess.CompletedProcess[str]], registry: Registry
+) -> None:
+    done = process("explain", "--json", PADDLECTL_REGISTRY=registry.location)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["run"] == "run-3"
+
+
+def test_no_arguments_show_the_help(process: Callable[..., subprocess.CompletedProcess[str]]) -> None:
+    done = process()
+    assert done.returncode == 0
+    assert all(name in done.stdout for name in COMMANDS)
