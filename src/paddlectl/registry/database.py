@@ -172,7 +172,10 @@ def _migrate(connection: Connection) -> None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Holds the folder's lock file, across processes; the system frees it when its holder dies."""
+    """Holds the folder's lock file, across processes; the system frees it when its holder dies.
+
+    POSIX only, and no better than the file system's own locks, as SQLite itself.
+    """
     deadline = time.monotonic() + WAIT
     with (folder / "registry.lock").open("ab") as file:
         while True:
