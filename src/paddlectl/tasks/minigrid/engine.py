@@ -23,6 +23,7 @@ from paddlectl.tasks.minigrid.grid import (
     TURN,
     Action,
     Code,
+    Codes,
     Held,
     Thing,
     outcome_index,
@@ -30,6 +31,7 @@ from paddlectl.tasks.minigrid.grid import (
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, Spec, build_grid, draw_layouts
 from paddlectl.tasks.minigrid.observe import OBSERVATION_SIZE, Observer, obstacle_rows
 
+_ON_GOAL = int(symbols.Fact.ON_GOAL)
 _POOL = 1024  # layouts drawn at once; independent of the lanes, so the draws are too
 
 
@@ -51,14 +53,16 @@ class State:
         rows: `observe.obstacle_rows` of the grid. [n, 14]
     """
 
-    def __init__(self, spec: Spec, layouts: Layouts) -> None:
-        self.grid = build_grid(spec, layouts.where)
-        self.agent = layouts.agent.copy()
-        self.facing = layouts.facing.copy()
-        self.where = layouts.where.copy()
-        self.held: Ints = np.zeros(len(self.agent), dtype=np.intp)
-        self.facts = symbols.encode(self.grid, self.where, self.held, self.agent)
-        self.rows = obstacle_rows(self.grid)
+    def __init__(self, grid: Codes, agent: Ints, facing: Ints, held: Ints, where: Ints) -> None:
+        self.grid, self.agent, self.facing, self.held, self.where = grid, agent, facing, held, where
+        self.facts = symbols.encode(grid, where, held, agent)
+        self.rows = obstacle_rows(grid)
+
+    @classmethod
+    def start(cls, spec: Spec, layouts: Layouts) -> "State":
+        """The states in which episodes with these layouts begin."""
+        agent, facing, where = (values.copy() for values in layouts)
+        return cls(build_grid(spec, where), agent, facing, np.zeros_like(agent), where)
 
     def assign(self, lanes: Ints, other: "State", chosen: slice) -> None:
         """Overwrites the states of `lanes` with those `chosen` of another."""
@@ -107,9 +111,9 @@ class Engine:
         self.t: Ints = np.zeros(lanes, dtype=np.intp)
         self._earned: Ints = np.zeros(lanes, dtype=np.intp)
         self._finished: Bools = np.zeros(lanes, dtype=np.bool_)
-        self._pool = State(spec, draw_layouts(spec, self._rng, _POOL))
+        self._pool = State.start(spec, draw_layouts(spec, self._rng, _POOL))
         self._used = 0
-        self.state = State(spec, draw_layouts(spec, np.random.default_rng(0), lanes))
+        self.state = State.start(spec, draw_layouts(spec, np.random.default_rng(0), lanes))
         self.reset()
 
     def reset(self, lanes: Bools | None = None) -> None:
@@ -118,7 +122,7 @@ class Engine:
         self._restart(waiting)
         while len(waiting):
             if self._used == _POOL:
-                self._pool = State(self.spec, draw_layouts(self.spec, self._rng, _POOL))
+                self._pool = State.start(self.spec, draw_layouts(self.spec, self._rng, _POOL))
                 self._used = 0
             taken = slice(self._used, min(self._used + len(waiting), _POOL))
             count = taken.stop - taken.start
@@ -128,7 +132,7 @@ class Engine:
 
     def set_layouts(self, layouts: Layouts) -> None:
         """Starts all lanes from given layouts, one a lane."""
-        self.state = State(self.spec, layouts)
+        self.state = State.start(self.spec, layouts)
         self._restart(np.arange(self.lanes))
 
     def _restart(self, lanes: Ints) -> None:
@@ -188,8 +192,8 @@ class Engine:
     def _mark_goal(self) -> None:
         """The one fact that a mere step can change."""
         state = self.state
-        state.facts &= ~int(symbols.Fact.ON_GOAL)
-        state.facts |= (state.agent == state.where[:, Thing.GOAL]) * int(symbols.Fact.ON_GOAL)
+        state.facts &= ~_ON_GOAL
+        state.facts |= (state.agent == state.where[:, Thing.GOAL]) * _ON_GOAL
 
     def valuation(self) -> Bools:
         """E(s): the truth of every atom of the vocabulary, in its order. [B, P]"""

@@ -7,8 +7,11 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from paddlectl.tasks.base import Bools, Ints
+
+Codes = NDArray[np.uint8]
 
 WIDTH, HEIGHT = 15, 8
 CELLS = WIDTH * HEIGHT
@@ -142,7 +145,7 @@ EFFECT_ENTERS: Ints = np.array([0, 0, *(e.enters for e in EFFECTS)])
 EFFECT_LEAVES: Ints = np.array([0, 0, *(e.leaves for e in EFFECTS)])
 
 
-def outcome_index(actions: Ints, held: Ints, front: Ints) -> Ints:
+def outcome_index(actions: Ints, held: Ints, front: Codes) -> Ints:
     """The place in OUTCOME of each lane's action. [B]"""
     index: Ints = (actions * len(Held) + held) * _CODES + front
     return index

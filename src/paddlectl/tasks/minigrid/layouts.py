@@ -12,7 +12,7 @@ import numpy as np
 from paddlectl.logic.atoms import Atom
 from paddlectl.tasks.base import Ints
 from paddlectl.tasks.minigrid import symbols as s
-from paddlectl.tasks.minigrid.grid import ABSENT, CODE_OF_THING, HEIGHT, MIDDLE, WIDTH, Code, Thing
+from paddlectl.tasks.minigrid.grid import ABSENT, CODE_OF_THING, HEIGHT, MIDDLE, WIDTH, Code, Codes, Thing
 
 HORIZON = 320
 
@@ -185,7 +185,7 @@ def draw_layouts(spec: Spec, rng: np.random.Generator, count: int) -> Layouts:
     return Layouts(_cell(1 + start % _ROOM, start // _ROOM), rng.integers(4, size=count), where)
 
 
-def build_grid(spec: Spec, where: Ints) -> np.ndarray:
+def build_grid(spec: Spec, where: Ints) -> Codes:
     """The codes of all cells at the start. [n, 120] uint8"""
     grid = np.zeros((len(where), HEIGHT, WIDTH), dtype=np.uint8)
     grid[:, [0, -1]] = Code.WALL

@@ -17,7 +17,18 @@ import numpy as np
 
 from paddlectl.tasks.base import Bools, Floats, Ints
 from paddlectl.tasks.minigrid import symbols as s
-from paddlectl.tasks.minigrid.grid import ABSENT, CELLS, DELTA, HEIGHT, MIDDLE, WALKABLE, WIDTH, Code, Thing
+from paddlectl.tasks.minigrid.grid import (
+    ABSENT,
+    CELLS,
+    DELTA,
+    HEIGHT,
+    MIDDLE,
+    WALKABLE,
+    WIDTH,
+    Code,
+    Codes,
+    Thing,
+)
 
 REACH = 3  # cells seen to each side
 _SIDE = 2 * REACH + 1
@@ -76,7 +87,7 @@ _BITS = ((np.arange(2**_SIDE)[:, None] >> np.arange(_SIDE)) & 1).astype(np.float
 _ROW_OF, _COLUMN_OF = np.divmod(np.arange(CELLS), WIDTH)
 
 
-def obstacle_rows(grid: np.ndarray) -> Ints:
+def obstacle_rows(grid: Codes) -> Ints:
     """Each row of the grid as one number: bit `x + REACH` is set if column x can't be walked on. [n, 14]
 
     Rows and bits beyond the grid are set.
@@ -99,7 +110,7 @@ class Observer:
         self._offsets: Ints = np.arange(_SIDE)
 
     def __call__(
-        self, grid: np.ndarray, rows: Ints, agent: Ints, facing: Ints, held: Ints, where: Ints, heads: Ints
+        self, grid: Codes, rows: Ints, agent: Ints, facing: Ints, held: Ints, where: Ints, heads: Ints
     ) -> Floats:
         """The observations.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from paddlectl.logic.atoms import Atom, Literal, Predicate
 from paddlectl.tasks.base import Bools, Ints
-from paddlectl.tasks.minigrid.grid import ABSENT, CELLS, OBJECTS, Code, Thing
+from paddlectl.tasks.minigrid.grid import ABSENT, CELLS, OBJECTS, Code, Codes, Thing, codes
 
 _HAS_KEY, _HAS_BLOCKAGE, _HAS_BALL, _IS_OPEN, _IS_BLOCKED, _IS_PLACED = (
     Predicate(name, 1)
@@ -80,6 +80,12 @@ class Fact(IntFlag):
 
 FACTS = 1024
 _HELD: Ints = np.array([0, Fact.KEY_HELD, Fact.BLOCKAGE_HELD, Fact.BALL_HELD])
+_SEEN: Ints = np.zeros(len(Thing), dtype=np.intp)
+_SEEN[[Thing.KEY, Thing.BOX]] = Fact.KEY_SEEN, Fact.BOX_CLOSED
+_PLACED: Ints = np.array([Fact.BLOCKAGE_PLACED, Fact.BALL_PLACED])
+_SIDE: Ints = OBJECTS * int(Fact.BLOCKED)  # by the code of a cell beside the passage
+_PASSAGE: Ints = codes(Code.OPEN) * int(Fact.OPEN)  # by the code of the passage
+_GOAL = int(Fact.ON_GOAL)
 
 
 def exclusions(atoms: Collection[Atom]) -> tuple[frozenset[Literal], ...]:
@@ -87,7 +93,7 @@ def exclusions(atoms: Collection[Atom]) -> tuple[frozenset[Literal], ...]:
     return tuple(frozenset(map(Literal, pair)) for pair in _PAIRS if set(pair) <= set(atoms))
 
 
-def encode(grid: np.ndarray, where: Ints, held: Ints, agent: Ints) -> Ints:
+def encode(grid: Codes, where: Ints, held: Ints, agent: Ints) -> Ints:
     """The facts of each state.
 
     Args:
@@ -101,19 +107,14 @@ def encode(grid: np.ndarray, where: Ints, held: Ints, agent: Ints) -> Ints:
     """
     cells = grid.reshape(-1)
     passage = where[:, Thing.PASSAGE] + np.arange(len(grid)) * CELLS
-    sides = OBJECTS.take(cells.take(passage - 1)) | OBJECTS.take(cells.take(passage + 1))
+    beside = _SIDE.take(cells.take(passage - 1)) | _SIDE.take(cells.take(passage + 1))
     seen = where != ABSENT
     on_tile = where[:, Thing.BLOCKAGE : Thing.GOAL] == where[:, Thing.YELLOW_TILE : Thing.PASSAGE]
     placed = on_tile & seen[:, Thing.BLOCKAGE : Thing.GOAL]
-    facts: Ints = (
-        _HELD.take(held)
-        + seen[:, Thing.KEY] * int(Fact.KEY_SEEN)
-        + seen[:, Thing.BOX] * int(Fact.BOX_CLOSED)
-        + (cells.take(passage) == Code.OPEN) * int(Fact.OPEN)
-        + sides * int(Fact.BLOCKED)
-        + placed @ np.array([Fact.BLOCKAGE_PLACED, Fact.BALL_PLACED])
-        + (agent == where[:, Thing.GOAL]) * int(Fact.ON_GOAL)
-    )
+    facts: Ints = _HELD.take(held) | beside | _PASSAGE.take(cells.take(passage))
+    facts |= seen @ _SEEN
+    facts |= placed @ _PLACED
+    facts |= (agent == where[:, Thing.GOAL]) * _GOAL
     return facts
 
 
