@@ -135,18 +135,18 @@ def test_a_registry_that_is_none(command: Command, tmp_path: Path) -> None:
 
 
 def test_a_fault_of_the_disk_is_one_line(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(**_: object) -> None:
+    def full(_: object) -> None:
         raise OSError(28, "No space left on device", "/there/registry.db")
 
-    monkeypatch.setattr(app, "app", full)
+    monkeypatch.setattr(app, "make_app", full)
     expect(command("runs"), 1, "error: No space left on device: /there/registry.db")
 
 
 def test_the_unexpected_is_one_line_and_a_log(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    def wrong(**_: object) -> None:
+    def wrong(_: object) -> None:
         raise RuntimeError("a\x1b[2Jb\nc")
 
-    monkeypatch.setattr(app, "app", wrong)
+    monkeypatch.setattr(app, "make_app", wrong)
     monkeypatch.delenv("PADDLECTL_DEBUG", raising=False)
     answer = command("runs")
     expect(answer, 1, r"unexpected RuntimeError: a\x1b[2Jb c")
@@ -175,7 +175,7 @@ from paddlectl.cli import app
 def wait(**_):
     print("ready", flush=True)
     time.sleep(60)
-app.app = wait
+app.make_app = lambda loaded: wait
 sys.argv = ["paddlectl", "runs"]
 sys.exit(app.main())
 """

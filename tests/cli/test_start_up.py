@@ -6,16 +6,16 @@ import resource
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+from paddlectl.cli.app import COMMANDS
 from paddlectl.registry.store import Registry
 from samples import ROOT, TARGET
 
 HEAVY = {"torch", "gymnasium", "minigrid", "mujoco", "pandas", "matplotlib", "alembic", "pydantic"}
-COMMANDS = ["tasks", "train", "evaluate", "policies", "runs", "show", "similarity", "transfer", "explain"]
-
 LOADED = """
 import atexit, sys
 atexit.register(lambda: print(*sys.modules, file=sys.stderr))
@@ -63,6 +63,11 @@ def test_help_of_a_command_loads_nothing_heavy_and_ends_with_an_example(name: st
 def test_reading_loads_no_torch(registry: Registry, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PADDLECTL_REGISTRY", registry.location)
     assert not loaded(*line.split()) & HEAVY
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_is_listed_by_its_own_docstring(name: str) -> None:
+    assert getattr(import_module(f"paddlectl.cli.{name}"), name).__doc__ == COMMANDS[name]
 
 
 def test_help_costs_little_more_than_a_bare_app(monkeypatch: pytest.MonkeyPatch) -> None:

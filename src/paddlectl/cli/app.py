@@ -7,28 +7,58 @@ so that `--help` and completion stay quick.
 import os
 import signal
 import sys
+from collections.abc import Collection, Sequence
+from importlib import import_module
 from types import FrameType
 from typing import NoReturn
 
 import typer
 
-from paddlectl.cli import evaluate, explain, policies, runs, show, similarity, tasks, train, transfer
 from paddlectl.errors import PaddlectlError
 
 INTERRUPTED = 130
 TERMINATED = 143
 
-app = typer.Typer(
-    name="paddlectl",
-    help="Transfer between reinforcement-learning tasks by logic and performance similarity.",
-    epilog="Example: paddlectl train BoxDoor && paddlectl show BoxDoor",
-    pretty_exceptions_enable=False,
-    pretty_exceptions_show_locals=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-for command in (tasks, train, evaluate, policies, runs, show, similarity, transfer, explain):
-    name = command.__name__.rpartition(".")[2]
-    app.command(name, epilog=command.EXAMPLE)(getattr(command, name))
+# What each command is for, as the docstring of its function says; known here so that `--help` loads none.
+COMMANDS = {
+    "tasks": "List the tasks that can be trained on and transferred to.",
+    "train": "Train sources with the hybrid decision model and keep them in the registry.",
+    "evaluate": "Play a policy on layouts that it never trained on.",
+    "policies": "List the policies in the registry, newest first.",
+    "runs": "List the runs in the registry, newest first.",
+    "show": "Show a policy's clause program: raw with probabilities, and minimised.",
+    "similarity": "Show Ψ: for each scene of the target the best scenes of each source, and their ψ.",
+    "transfer": "Learn a scenario's target, guided by policies of its sources.",
+    "explain": "Tell why a transfer acted as it did: program, Ψ, weights per scene, one episode.",
+}
+
+
+def make_app(loaded: Collection[str]) -> typer.Typer:
+    """The application with these commands in full, and of the others the name and what they are for."""
+    app = typer.Typer(
+        name="paddlectl",
+        help="Transfer between reinforcement-learning tasks by logic and performance similarity.",
+        epilog="Example: paddlectl train BoxDoor && paddlectl show BoxDoor",
+        pretty_exceptions_enable=False,
+        pretty_exceptions_show_locals=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    for name, purpose in COMMANDS.items():
+        if name in loaded:
+            module = import_module(f"paddlectl.cli.{name}")
+            app.command(name, help=purpose, epilog=module.EXAMPLE)(getattr(module, name))
+        else:
+            app.command(name, help=purpose)(_not_loaded)
+    return app
+
+
+def _not_loaded() -> NoReturn:
+    raise AssertionError("only a command that is named is loaded, and no other runs")
+
+
+def _needed(arguments: Sequence[str]) -> Collection[str]:
+    """The command that is named; all of them if the shell asks for completions."""
+    return COMMANDS if "_PADDLECTL_COMPLETE" in os.environ else arguments
 
 
 def main() -> int:
@@ -53,9 +83,9 @@ def _terminate(_signal: int, _frame: FrameType | None) -> NoReturn:
     raise _Terminated
 
 
-def _run(arguments: list[str]) -> int:
+def _run(arguments: Sequence[str]) -> int:
     try:
-        result = app(args=arguments, prog_name="paddlectl", standalone_mode=False)
+        result = make_app(_needed(arguments))(args=arguments, prog_name="paddlectl", standalone_mode=False)
     except PaddlectlError as error:
         return _told(error.message, error.hint, error.exit_code)
     except typer.TyperException as error:

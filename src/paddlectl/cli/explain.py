@@ -22,7 +22,7 @@ def explain(
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
-    """Tell why a transfer acted as it did: program, Ψ, weights per scene, an episode decision by decision."""
+    """Tell why a transfer acted as it did: program, Ψ, weights per scene, one episode."""
     from paddlectl.registry.store import Registry
     from paddlectl.report.explained import explanation_parts
     from paddlectl.report.explanation import explanation_document

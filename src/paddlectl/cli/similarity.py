@@ -47,7 +47,7 @@ def similarity(
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
-    """Show Ψ: for each scene of the target the best scenes of each source, and their similarity ψ."""
+    """Show Ψ: for each scene of the target the best scenes of each source, and their ψ."""
     from paddlectl.registry.store import Registry
     from paddlectl.report.mapping import mapping_parts
     from paddlectl.report.output import print_json, print_text
