@@ -38,9 +38,9 @@ def evaluate(
     opened = Registry.open(registry, create=False)
     record = opened.policy(policy)
     with stdout_kept():
-        from paddlectl import experiments
+        from paddlectl.experiments.sources import evaluate as play
 
-        row = experiments.evaluate(opened, record, name or record.task, episodes, seed)
+        row = play(opened, record, name or record.task, episodes, seed)
     if as_json:
         print_json(row)
     else:

@@ -16,7 +16,7 @@ from paddlectl.cli.options import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from paddlectl.experiments import TrainJob
+    from paddlectl.experiments.jobs import TrainJob
 
 EXAMPLE = "Example: paddlectl train BlockedDoor GapBall --seed 0"
 
@@ -61,7 +61,7 @@ def train_jobs(tasks: "Sequence[str]", seeds: "Sequence[int]", frames: int | Non
 
     names = list(dict.fromkeys(load(task).name for task in tasks))
 
-    from paddlectl.experiments import TrainJob
+    from paddlectl.experiments.jobs import TrainJob
 
     return [TrainJob(task=name, seed=seed, frames=frames) for seed in seeds for name in names]
 
@@ -69,7 +69,7 @@ def train_jobs(tasks: "Sequence[str]", seeds: "Sequence[int]", frames: int | Non
 def run_training(jobs: "Sequence[TrainJob]", registry: str) -> list[dict[str, Any]]:
     """Runs the jobs with their progress on stderr and gives their rows."""
     from paddlectl.cli.quiet import stdout_kept
-    from paddlectl.experiments import run_jobs
+    from paddlectl.experiments.processes import run_jobs
     from paddlectl.report.progress import progress
 
     with stdout_kept(), progress([f"{job.task} seed {job.seed}" for job in jobs]) as report:

@@ -18,7 +18,7 @@ from paddlectl.errors import NotFoundError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from paddlectl.experiments import TransferJob
+    from paddlectl.experiments.jobs import TransferJob
     from paddlectl.registry.store import Registry
     from paddlectl.scenario import Scenario
 
@@ -67,7 +67,7 @@ def transfer(
     opened = Registry.open(registry, create=train_missing)
     sources = source_policies(opened, scenario, registry, train_missing)
     with stdout_kept():
-        from paddlectl.experiments import run_jobs
+        from paddlectl.experiments.processes import run_jobs
 
         jobs = transfer_jobs(scenario, sources, method, chosen, frames or scenario.frames)
         with progress([f"{scenario.name} {method} seed {job.seed}" for job in jobs]) as report:
@@ -116,7 +116,7 @@ def source_policies(
 def transfer_jobs(
     scenario: "Scenario", sources: tuple[str, ...], method: str, seeds: "Sequence[int]", frames: int
 ) -> "list[TransferJob]":
-    from paddlectl.experiments import TransferJob
+    from paddlectl.experiments.jobs import TransferJob
 
     return [
         TransferJob(scenario=scenario, sources=sources, method=method, seed=seed, frames=frames)

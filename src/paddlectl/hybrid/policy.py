@@ -44,7 +44,11 @@ class HybridPolicy:
         self.task = task
         self.settings = settings
         self.clauses = ClauseLearner(
-            vocabulary.atoms, scenes(vocabulary.atoms, vocabulary.exclusions), task.heads, seed, settings.clauses
+            vocabulary.atoms,
+            scenes(vocabulary.atoms, vocabulary.exclusions),
+            task.heads,
+            seed,
+            settings.clauses,
         )
         self.low_level: Learner = PPO(
             environment.observation_size, environment.actions, seed, settings.low_level

@@ -44,6 +44,22 @@ class Decisions(NamedTuple):
     rewards: Floats
     reached: Bools
 
+    @classmethod
+    def empty(cls, *shape: int) -> "Decisions":
+        scenes, heads, guides, steps = np.zeros((4, *shape), np.intp)
+        return cls(scenes, heads, guides, steps, np.zeros(shape, np.float32), np.zeros(shape, np.bool_))
+
+    def of_lane(self, lane: int, count: int) -> "Decisions":
+        """A copy of the first `count` decisions of one lane of a [B, N] history."""
+        return Decisions(
+            self.scenes[lane, :count].copy(),
+            self.heads[lane, :count].copy(),
+            self.guides[lane, :count].copy(),
+            self.steps[lane, :count].copy(),
+            self.rewards[lane, :count].copy(),
+            self.reached[lane, :count].copy(),
+        )
+
 
 class Episode(NamedTuple):
     """A finished episode.
@@ -146,9 +162,7 @@ class Rollout:
         self._started = np.zeros(lanes, np.intp)
         self._length = np.zeros(lanes, np.intp)
         self._count = np.zeros(lanes, np.intp)
-        self._history = Decisions(
-            *(np.zeros((lanes, horizon), kind) for kind in (np.intp, np.intp, np.intp, np.intp, np.float32, np.bool_))
-        )
+        self._history = Decisions.empty(lanes, horizon)
         self._scene = reader.scenes(environment.valuation())
 
     def collect(self, buffer: RolloutBuffer) -> list[Episode]:
@@ -209,15 +223,25 @@ class Rollout:
     def _record(self, lanes: Ints, reached: Bools, done: Bools, next_scenes: Ints) -> None:
         if not len(lanes):
             return
-        place = (lanes, self._count[lanes])
-        present = (self._scene, self._head, self._guide, self._steps, self._reward, reached)
-        scenes, heads, guides, steps, rewards, hit = (values[lanes] for values in present)
-        for column, values in zip(self._history, (scenes, heads, guides, steps, rewards, hit), strict=True):
-            column[place] = values
-        self._count[lanes] += 1
-        self._chooser.decided(
-            Outcome(lanes, scenes, heads, steps, rewards, hit, done[lanes], next_scenes[lanes])
+        outcome = Outcome(
+            lanes,
+            self._scene[lanes],
+            self._head[lanes],
+            self._steps[lanes],
+            self._reward[lanes],
+            reached[lanes],
+            done[lanes],
+            next_scenes[lanes],
         )
+        place = (lanes, self._count[lanes])
+        self._history.scenes[place] = outcome.scenes
+        self._history.heads[place] = outcome.heads
+        self._history.guides[place] = self._guide[lanes]
+        self._history.steps[place] = outcome.steps
+        self._history.rewards[place] = outcome.rewards
+        self._history.reached[place] = outcome.reached
+        self._count[lanes] += 1
+        self._chooser.decided(outcome)
 
     def _finish(self, lanes: Ints, done: Bools, score: Floats) -> Iterator[Episode]:
         if not len(lanes):
@@ -229,7 +253,7 @@ class Rollout:
                 self.frames,
                 float(score[lane]),
                 int(self._length[lane]),
-                Decisions(*(column[lane, : self._count[lane]].copy() for column in self._history)),
+                self._history.of_lane(int(lane), int(self._count[lane])),
             )
             for lane in lanes
         ]

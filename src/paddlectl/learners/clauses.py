@@ -93,7 +93,11 @@ class ClauseLearner:
         return probabilities
 
     def update(
-        self, scenes: NDArray[np.intp], heads: NDArray[np.intp], returns: NDArray[np.float32], imitate: NDArray[np.bool_]
+        self,
+        scenes: NDArray[np.intp],
+        heads: NDArray[np.intp],
+        returns: NDArray[np.float32],
+        imitate: NDArray[np.bool_],
     ) -> None:
         """One step of Eq. 1 over the decisions of finished episodes.
 

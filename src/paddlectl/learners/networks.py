@@ -8,7 +8,9 @@ from torch import nn
 HIDDEN = (400, 400, 400)
 
 
-def mlp(inputs: int, outputs: int, *, hidden: tuple[int, ...] = HIDDEN, output_gain: float = 1.0) -> nn.Sequential:
+def mlp(
+    inputs: int, outputs: int, *, hidden: tuple[int, ...] = HIDDEN, output_gain: float = 1.0
+) -> nn.Sequential:
     """A ReLU network with orthogonal weights and zero biases.
 
     Args:
@@ -31,7 +33,9 @@ def _linear(inputs: int, outputs: int, gain: float) -> nn.Linear:
     return layer
 
 
-def gradient_step(optimiser: torch.optim.Optimizer, loss: torch.Tensor, max_norm: float | None = None) -> None:
+def gradient_step(
+    optimiser: torch.optim.Optimizer, loss: torch.Tensor, max_norm: float | None = None
+) -> None:
     """One descent step on `loss`, its gradient's norm cut to `max_norm`."""
     optimiser.zero_grad(set_to_none=True)
     loss.backward()  # type: ignore[no-untyped-call]

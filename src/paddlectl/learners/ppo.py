@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
-from torch.distributions import Categorical
 
 from paddlectl.learners.buffers import TARGET, RolloutBuffer, generalised_advantages
 from paddlectl.learners.networks import gradient_step, mlp
@@ -85,7 +84,11 @@ class PPO:
         for _ in range(self.settings.epochs):
             for batch in self._minibatches(samples):
                 loss = self._surrogate_loss(
-                    observations[batch], actions[batch], old_log_probs[batch], advantages[batch], returns[batch]
+                    observations[batch],
+                    actions[batch],
+                    old_log_probs[batch],
+                    advantages[batch],
+                    returns[batch],
                 )
                 gradient_step(self.optimiser, loss, self.settings.max_gradient_norm)
                 losses.append(loss.item())
@@ -136,24 +139,25 @@ class PPO:
         advantages: torch.Tensor,
         returns: torch.Tensor,
     ) -> torch.Tensor:
-        policy = Categorical(logits=self.actor(observations), validate_args=False)
-        ratio = (policy.log_prob(actions) - old_log_probs).exp()
+        log_probs: torch.Tensor = self.actor(observations).log_softmax(-1)
+        entropy = -(log_probs.exp() * log_probs).sum(-1).mean()
+        ratio = (log_probs.gather(-1, actions[:, None])[:, 0] - old_log_probs).exp()
         advantages = (advantages - advantages.mean()) / (advantages.std(correction=0) + 1e-8)
         clipped = ratio.clamp(1.0 - self.settings.clip, 1.0 + self.settings.clip)
         policy_loss = -torch.minimum(ratio * advantages, clipped * advantages).mean()
-        value_loss = (self.critic(observations).squeeze(-1) - returns).square().mean()
-        return (
-            policy_loss
-            + self.settings.value_coef * value_loss
-            - self.settings.entropy_coef * policy.entropy().mean()
-        )
+        value_loss = self._value_loss(observations, returns)
+        return policy_loss + value_loss - self.settings.entropy_coef * entropy
 
     def _cloning_loss(
         self, observations: torch.Tensor, actions: torch.Tensor, returns: torch.Tensor
     ) -> torch.Tensor:
-        log_probs = self.actor(observations).log_softmax(-1).gather(-1, actions[:, None])
-        value_loss = (self.critic(observations).squeeze(-1) - returns).square().mean()
-        return -self.settings.clone_coef * log_probs.mean() + self.settings.value_coef * value_loss
+        log_probs: torch.Tensor = self.actor(observations).log_softmax(-1)
+        likelihood = log_probs.gather(-1, actions[:, None]).mean()
+        return self._value_loss(observations, returns) - self.settings.clone_coef * likelihood
+
+    def _value_loss(self, observations: torch.Tensor, returns: torch.Tensor) -> torch.Tensor:
+        error: torch.Tensor = self.critic(observations).squeeze(-1) - returns
+        return self.settings.value_coef * error.square().mean()
 
 
 def _load_network(network: nn.Module, name: str, state: dict[str, torch.Tensor]) -> None:

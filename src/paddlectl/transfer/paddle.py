@@ -12,7 +12,7 @@ from paddlectl.hybrid.training import Round, update_clauses
 from paddlectl.learners.base import Actor
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.logic.clauses import Body, Program
-from paddlectl.tasks.base import Floats, Ints, Task
+from paddlectl.tasks.base import Bools, Floats, Ints, Task
 from paddlectl.transfer.guidance import GuidanceSettings, choose_guide, faded_weight, guidance_weight
 from paddlectl.transfer.performance import MeanReturns, PlannedReturns, Table, performance
 from paddlectl.transfer.similarity import SceneMapping
@@ -62,8 +62,9 @@ def candidates_of(
     heads = np.array(rows)
     heads[1:] /= heads[1:].sum(-1, keepdims=True)
     entropy = -(heads * np.log(np.where(heads > 0, heads, 1.0))).sum(-1)
-    heads[1:] = sharpened(heads[1:], sharpness)
-    return Candidates(np.array(guides), heads.astype(np.float32), np.array(columns).T, entropy)
+    leading = heads.astype(np.float32)
+    leading[1:] = sharpened(leading[1:], sharpness)
+    return Candidates(np.array(guides), leading, np.array(columns).T, entropy)
 
 
 class Weighing(NamedTuple):
@@ -104,7 +105,9 @@ class GuideChooser:
             subgoal, since `clear`. [S], [S, C], [S, C]
     """
 
-    def __init__(self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator
+    ) -> None:
         scenes = len(target.clauses.bodies)
         self.target = target
         self.candidates = candidates
@@ -143,14 +146,28 @@ class GuideChooser:
             lanes, scenes, chosen, heads, audition, weights, strict=True
         ):
             self._present[lane] = TracedDecision(
-                scene, candidate, head, 0, False, heard, weighing.similarity[scene], weighing.performance[scene], row
+                scene,
+                candidate,
+                head,
+                0,
+                False,
+                heard,
+                weighing.similarity[scene],
+                weighing.performance[scene],
+                row,
             )
         return self.candidates.guides[chosen], heads
 
     def decided(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended."""
         for lane, steps, reward, reached, done, following in zip(
-            outcome.lanes, outcome.steps, outcome.rewards, outcome.reached, outcome.done, outcome.next_scenes, strict=True
+            outcome.lanes,
+            outcome.steps,
+            outcome.rewards,
+            outcome.reached,
+            outcome.done,
+            outcome.next_scenes,
+            strict=True,
         ):
             present = self._present[lane]
             assert present is not None
@@ -173,7 +190,7 @@ class GuideChooser:
     def _lane_weights(self, weights: Table, lanes: Ints, scenes: Ints) -> Table:
         return weights[scenes]
 
-    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> np.ndarray:
+    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         return np.zeros(len(lanes), np.bool_)
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
@@ -183,7 +200,9 @@ class GuideChooser:
 class PaperGuides(GuideChooser):
     """`guidance: paper`: Λ = ψ + Φ over running mean returns, Eqs. 2 and 3 to the letter."""
 
-    def __init__(self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator
+    ) -> None:
         super().__init__(target, candidates, lanes, rng)
         self._returns = MeanReturns(self.shape)
         self._rewards: list[list[float]] = [[] for _ in range(lanes)]
@@ -238,13 +257,13 @@ class PlannedGuides(GuideChooser):
         return Weighing(self.candidates.similarity, returns.mean.copy(), weights)
 
     def _lane_weights(self, weights: Table, lanes: Ints, scenes: Ints) -> Table:
-        penalised = weights[scenes] - self.rules.failure_penalty * self._failed[lanes, scenes]
+        penalised: Table = weights[scenes] - self.rules.failure_penalty * self._failed[lanes, scenes]
         penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.curiosity)
         return penalised
 
-    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> np.ndarray:
+    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         rate = self.rules.audition_rate * self._own[scenes].max(-1)
-        heard = (chosen != TARGET) & ~self._heard[lanes] & (self._rng.random(len(lanes)) < rate)
+        heard: Bools = (chosen != TARGET) & ~self._heard[lanes] & (self._rng.random(len(lanes)) < rate)
         self._heard[lanes] |= heard
         return heard
 

@@ -1,0 +1,119 @@
+"""Jobs side by side: a process and one torch thread each (two threads only fight over small networks)."""
+
+import multiprocessing
+import os
+import queue
+import signal
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from paddlectl.errors import PaddlectlError
+from paddlectl.experiments.jobs import Job, Progress, TrainJob
+
+_POLL = 0.2  # seconds between two looks at a silent queue
+_PATIENCE = 10.0  # seconds that a stopped process may take to mark its run
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    registry: str,
+    report: Callable[[int, Progress], None],
+    workers: int | None = None,
+) -> list[dict[str, Any]]:
+    """Does all jobs, as many at a time as there are cores.
+
+    Args:
+        jobs: What to do.
+        registry: Its place; each process opens it for itself.
+        report: Called with a job's number and its progress.
+        workers: Most processes at a time.
+
+    Returns:
+        The jobs' rows, in the order of the jobs.
+
+    Raises:
+        PaddlectlError: What went wrong in one of them; the others are stopped and marked interrupted.
+        KeyboardInterrupt: After the running ones were marked interrupted.
+    """
+    context = multiprocessing.get_context("spawn")
+    events: Any = context.Queue()
+    waiting = list(enumerate(jobs))[::-1]
+    running: dict[int, BaseProcess] = {}
+    rows: dict[int, dict[str, Any]] = {}
+    try:
+        while waiting or running:
+            while waiting and len(running) < (workers or os.cpu_count() or 1):
+                index, job = waiting.pop()
+                running[index] = context.Process(target=_work, args=(index, job, registry, events))
+                running[index].start()
+            for index, event in _events(events, running):
+                if isinstance(event, Progress):
+                    report(index, event)
+                elif isinstance(event, PaddlectlError):
+                    raise event
+                else:
+                    rows[index] = event
+                    running.pop(index).join()
+        return [rows[index] for index in range(len(jobs))]
+    finally:
+        _stop(running.values())
+
+
+def _events(events: Any, running: dict[int, BaseProcess]) -> Iterator[tuple[int, Any]]:
+    """What the processes tell; an error for one that ended without a word."""
+    try:
+        yield events.get(timeout=_POLL)
+    except queue.Empty:
+        for index, process in list(running.items()):
+            if not process.is_alive() and events.empty():
+                yield (
+                    index,
+                    PaddlectlError(
+                        f"a run's process ended unexpectedly (exit {process.exitcode})",
+                        "the registry is sound; look at the machine's memory, then run it again",
+                    ),
+                )
+
+
+def _stop(processes: Iterator[BaseProcess] | Any) -> None:
+    left = list(processes)
+    for process in left:
+        process.terminate()
+    for process in left:
+        process.join(_PATIENCE)
+        process.kill()
+
+
+def _work(index: int, job: Job, registry: str, events: Any) -> None:
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        events.put((index, _done(index, job, registry, events)))
+    except PaddlectlError as error:
+        events.put((index, error))
+    except KeyboardInterrupt:
+        pass
+    except Exception as error:
+        told = PaddlectlError(
+            f"a run failed: {type(error).__name__}: {error}", traceback.format_exc().strip()
+        )
+        events.put((index, told))
+
+
+def _done(index: int, job: Job, registry: str, events: Any) -> dict[str, Any]:
+    import torch
+
+    from paddlectl.experiments.sources import train_source
+    from paddlectl.experiments.transfers import run_transfer
+    from paddlectl.registry.store import Registry
+
+    torch.set_num_threads(1)
+
+    def report(progress: Progress) -> None:
+        events.put((index, progress))
+
+    with Registry.open(registry) as opened:
+        if isinstance(job, TrainJob):
+            return train_source(job, opened, report)
+        return run_transfer(job, opened, report)

@@ -1,0 +1,160 @@
+"""Learning a source, keeping a policy, reviving and evaluating it."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import safetensors
+import safetensors.torch
+
+from paddlectl.errors import IntegrityError
+from paddlectl.experiments.jobs import Progress, TrainJob
+from paddlectl.experiments.log import RunLog, recorded, versions
+from paddlectl.hybrid import training
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.hybrid.rollout import Episode
+from paddlectl.logic.syntax import format_program
+from paddlectl.registry.records import PolicyRecord, RunRecord
+from paddlectl.registry.store import Registry
+from paddlectl.tasks.suite import load
+
+FRAMES = 250_000
+"""Most frames of a source's training; it stops earlier when the source is mastered."""
+
+RECENT = 500
+"""Episodes by which `mastered` judges."""
+
+EVALUATION_EPISODES = 200
+EVALUATION_SEED = 12345
+
+
+def train_source(job: TrainJob, registry: Registry, report: Callable[[Progress], None]) -> dict[str, Any]:
+    """Learns a source with the hybrid model until it is mastered or its frames are used up.
+
+    Returns:
+        A row of `train --json`.
+    """
+    task = load(job.task)
+    settings = HybridSettings()
+    frames = job.frames or FRAMES
+    run = registry.add_run(
+        kind="train",
+        method="hdm",
+        task=task.name,
+        scenario=None,
+        sources=(),
+        seed=job.seed,
+        settings={"frames": frames, "hybrid": dataclasses.asdict(settings)},
+        versions=versions(),
+    )
+    with recorded(registry, run) as log:
+        policy = HybridPolicy(task, job.seed, settings)
+        for round_ in training.train(policy, job.seed, frames):
+            crisp = crispness(policy, (log.episodes + round_.episodes)[-RECENT:])
+            log.add(round_, crispness=crisp)
+            report(log.progress(frames, f"crisp {crisp:.2f}"))
+            if mastered(log.episodes[-RECENT:], crisp):
+                break
+        kept = keep(registry, run, policy, log)
+        log.results = {
+            "success_rate": kept.success_rate,
+            "mean_score": kept.mean_score,
+            "mean_length": kept.mean_length,
+            "crispness": kept.crispness,
+        }
+    return {
+        "run": run.id,
+        "policy": kept.id,
+        "task": task.name,
+        "seed": job.seed,
+        **log.counts(),
+        "success_rate": kept.success_rate,
+        "mean_score": kept.mean_score,
+        "crispness": kept.crispness,
+    }
+
+
+def mastered(recent: Sequence[Episode], crisp: float) -> bool:
+    """Solved nearly always, by a crisp program (method, section 4), over enough recent episodes."""
+    solved = [episode.score > 0 for episode in recent]
+    return len(solved) >= RECENT and float(np.mean(solved)) >= 0.99 and crisp >= 0.95
+
+
+def crispness(policy: HybridPolicy, recent: Sequence[Episode]) -> float:
+    """Crispness over the scenes that the recent episodes came through; 0 before the first."""
+    if not recent:
+        return 0.0
+    visits = training.scene_visits(recent, len(policy.clauses.bodies))
+    return training.crispness(policy, visits / len(recent))
+
+
+def keep(registry: Registry, run: RunRecord, policy: HybridPolicy, log: RunLog) -> PolicyRecord:
+    """Evaluates what was learned on unseen layouts and publishes it."""
+    task = policy.task
+    result = training.evaluate(policy, task, EVALUATION_EPISODES, EVALUATION_SEED)
+    return registry.add_policy(
+        run=run.id,
+        task=task.name,
+        domain=task.domain,
+        method=run.method,
+        seed=run.seed,
+        frames=log.frames,
+        program=format_program(result.program),
+        checkpoint=checkpoint(policy),
+        success_rate=result.success_rate,
+        mean_score=result.mean_score,
+        mean_length=result.mean_length,
+        crispness=result.crispness,
+        metadata={"heads": [str(h) for h in task.heads], "atoms": [str(a) for a in task.vocabulary.atoms]},
+    )
+
+
+def checkpoint(policy: HybridPolicy) -> bytes:
+    """The policy's tensors as a safetensors file; equal tensors give equal bytes."""
+    tensors = {name: tensor.detach().contiguous() for name, tensor in policy.state().items()}
+    return safetensors.torch.save(tensors)
+
+
+def revive(registry: Registry, record: PolicyRecord) -> HybridPolicy:
+    """The policy of a record, with its tensors.
+
+    Raises:
+        IntegrityError: If the checkpoint isn't what was stored, or of another shape than its task asks for.
+    """
+    policy = HybridPolicy(load(record.task), record.seed, HybridSettings())
+    try:
+        policy.load(safetensors.torch.load(registry.read_checkpoint(record)))
+    except (RuntimeError, KeyError, safetensors.SafetensorError) as error:
+        raise IntegrityError(
+            f"the checkpoint of {record.id} doesn't fit {record.task} as this version defines it",
+            f"train it again: paddlectl train {record.task}",
+        ) from error
+    return policy
+
+
+def evaluate(registry: Registry, policy: PolicyRecord, task: str, episodes: int, seed: int) -> dict[str, Any]:
+    """Plays a policy on unseen layouts of a task of its domain.
+
+    Returns:
+        The document of `evaluate --json`.
+
+    Raises:
+        IntegrityError: If the task is of another domain, or the checkpoint isn't what was stored.
+    """
+    played = load(task)
+    if played.domain != policy.domain:
+        raise IntegrityError(
+            f"{policy.id} is a {policy.domain} policy; {task} is a {played.domain} task",
+            "policies can be played within their domain only",
+        )
+    result = training.evaluate(revive(registry, policy), played, episodes, seed)
+    return {
+        "policy": policy.id,
+        "task": played.name,
+        "episodes": episodes,
+        "seed": seed,
+        "success_rate": result.success_rate,
+        "mean_score": result.mean_score,
+        "mean_length": result.mean_length,
+    }

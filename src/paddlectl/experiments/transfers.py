@@ -1,0 +1,155 @@
+"""Running a scenario: PADDLE from its sources, or the hybrid model from scratch."""
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from paddlectl.experiments.jobs import Progress, TransferJob
+from paddlectl.experiments.log import WINDOW, curve_figures, recorded, versions
+from paddlectl.experiments.sources import keep, revive
+from paddlectl.hybrid import training
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.hybrid.rollout import Episode
+from paddlectl.hybrid.training import Round
+from paddlectl.logic.clauses import Scene, scenes_of
+from paddlectl.logic.syntax import parse_program
+from paddlectl.registry.records import RunRecord
+from paddlectl.registry.store import Registry
+from paddlectl.scenario import Similarity
+from paddlectl.tasks.suite import load
+from paddlectl.transfer import paddle
+from paddlectl.transfer.account import Account
+from paddlectl.transfer.documents import mapping_document
+from paddlectl.transfer.guidance import GuidanceSettings
+from paddlectl.transfer.similarity import SceneMapping, map_scenes
+
+
+def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progress], None]) -> dict[str, Any]:
+    """Learns a scenario's target, by `paddle` from its sources or by `hdm` from scratch.
+
+    Returns:
+        A row of `transfer --json`.
+    """
+    task = load(job.scenario.target)
+    settings, rules = HybridSettings(), GuidanceSettings()
+    run = registry.add_run(
+        kind="transfer",
+        method=job.method,
+        task=task.name,
+        scenario=job.scenario.name,
+        sources=() if job.method == "hdm" else job.sources,
+        seed=job.seed,
+        settings={
+            "frames": job.frames,
+            "scenario": job.scenario.model_dump(mode="json"),
+            "hybrid": dataclasses.asdict(settings),
+            "guidance": dataclasses.asdict(rules),
+        },
+        versions=versions(),
+    )
+    with recorded(registry, run) as log:
+        target = HybridPolicy(task, job.seed, settings)
+        rounds = (
+            training.train(target, job.seed, job.frames)
+            if job.method == "hdm"
+            else _guided(job, registry, run, target, rules)
+        )
+        for round_ in rounds:
+            log.add(round_)
+            report(log.progress(job.frames))
+        kept = keep(registry, run, target, log)
+        figures = curve_figures(log.episodes, job.frames)
+        log.results = figures | {"mean_length": kept.mean_length, "crispness": kept.crispness}
+    return {
+        "run": run.id,
+        "policy": kept.id,
+        "method": job.method,
+        "seed": job.seed,
+        **log.counts(),
+        **figures,
+    }
+
+
+def _guided(
+    job: TransferJob, registry: Registry, run: RunRecord, target: HybridPolicy, rules: GuidanceSettings
+) -> Iterator[Round]:
+    """Algorithm 2, leaving Ψ and its account in the run's folder."""
+    sources = [_source(registry, policy) for policy in job.sources]
+    mapping, document = _mapping(target, sources, job.scenario.similarity)
+    registry.write_document(run.id, "mapping", document)
+    lanes, sharpness = target.settings.lanes, target.settings.sharpness
+    candidates = paddle.candidates_of(target.task, target.clauses.bodies, sources, mapping, sharpness)
+    rng = np.random.default_rng(job.seed)
+    chooser = (
+        paddle.PaperGuides(target, candidates, lanes, rng)
+        if job.scenario.guidance.mode == "paper"
+        else paddle.PlannedGuides(target, candidates, lanes, rng, rules)
+    )
+    rounds = paddle.learn(target, sources, chooser, job.seed, job.frames)
+    yield from _accounted(rounds, registry, run, chooser, Account(chooser, sources), job.frames)
+
+
+def _source(registry: Registry, policy: str) -> paddle.Source:
+    record = registry.policy(policy)
+    actor = revive(registry, record).low_level
+    return paddle.Source(record.id, record.task, parse_program(record.program), actor)
+
+
+def _mapping(
+    target: HybridPolicy, sources: Sequence[paddle.Source], weights: Similarity
+) -> tuple[SceneMapping, dict[str, Any]]:
+    scenes = [Scene(body, frozenset(target.task.heads)) for body in target.clauses.bodies]
+    programs = {source.policy: scenes_of(source.program.clauses) for source in sources}
+    mapping = map_scenes(scenes, programs, weights.body_weight, weights.head_weight)
+    tasks = {source.policy: source.task for source in sources}
+    name = target.task.name
+    return mapping, mapping_document(name, scenes, mapping, tasks, weights.body_weight, weights.head_weight)
+
+
+def _accounted(
+    rounds: Iterator[Round],
+    registry: Registry,
+    run: RunRecord,
+    chooser: paddle.GuideChooser,
+    account: Account,
+    frames: int,
+) -> Iterator[Round]:
+    """Keeps the weights and an episode of the first hundred, and of the last tenth of the run."""
+    trace: dict[str, Any] = {}
+    phase, episodes, since = "early", 0, 0
+    rows: list[dict[str, Any]] = []
+    for round_ in rounds:
+        episodes += len(round_.episodes)
+        _trace(trace, phase, round_.episodes, chooser.traces, account)
+        chooser.traces.clear()
+        rows = list(account.weights(phase, round_.frames))
+        last_tenth = frames - round_.frames < frames // 10
+        if phase == "early" and episodes >= WINDOW:
+            registry.append_rows(run.id, "weights", rows)
+            phase, since = "late", round_.frames
+            chooser.clear()
+        elif phase == "late" and not last_tenth and round_.frames - since >= frames // 10:
+            since = round_.frames
+            chooser.clear()
+        yield round_
+    registry.append_rows(run.id, "weights", rows)
+    registry.write_document(run.id, "trace", trace)
+
+
+def _trace(
+    trace: dict[str, Any],
+    phase: str,
+    episodes: Sequence[Episode],
+    traces: Sequence[Sequence[paddle.TracedDecision]],
+    account: Account,
+) -> None:
+    """The first solved episode of the early phase and the latest of the late; any if none is solved."""
+    score = f"score_{phase}"
+    for episode, decisions in zip(episodes, traces, strict=True):
+        best = trace.get(score, -1.0)
+        if (phase == "early" and best > 0) or (episode.score == 0 and best >= 0):
+            continue
+        trace[phase] = account.trace(decisions)
+        trace[score] = episode.score

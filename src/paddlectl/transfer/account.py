@@ -1,0 +1,86 @@
+"""An account of who led where and why: what a transfer leaves for `explain`, as JSON-able rows."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from paddlectl.learners.buffers import TARGET
+from paddlectl.logic.clauses import Clause
+from paddlectl.transfer.documents import body_document
+from paddlectl.transfer.paddle import GuideChooser, Source, TracedDecision
+
+TARGET_NAME = "target"
+
+
+class Account:
+    """Reads a chooser's tables in the names of scenes, heads and policies."""
+
+    def __init__(self, chooser: GuideChooser, sources: Sequence[Source]) -> None:
+        self._chooser = chooser
+        self._bodies = chooser.target.clauses.bodies
+        self._heads = chooser.target.task.domain_heads
+        self._policies = (TARGET_NAME, *(source.policy for source in sources))
+        self._tasks = (chooser.target.task.name, *(source.task for source in sources))
+
+    def weights(self, phase: str, frames: int) -> Iterator[dict[str, Any]]:
+        """One row for each scene met since the chooser was cleared, and each policy with a match there.
+
+        Of several matches of one source the row shows the best; the counts are over all of them.
+        """
+        weighing = self._chooser.weigh()
+        for scene in np.flatnonzero(self._chooser.decisions):
+            for number, policy in enumerate(self._policies):
+                best = self._best(number, weighing.weight[scene], weighing.similarity[scene])
+                if best is None:
+                    continue
+                of_guide = self._chooser.candidates.guides == number
+                yield {
+                    "phase": phase,
+                    "frames": frames,
+                    "scene": body_document(self._bodies[scene]),
+                    "policy": policy,
+                    "task": self._tasks[number],
+                    "similarity": float(weighing.similarity[scene, best]),
+                    "performance": float(weighing.performance[scene, best]),
+                    "weight": float(weighing.weight[scene, best]),
+                    "decisions": int(self._chooser.decisions[scene]),
+                    "chosen": int(self._chooser.chosen[scene, of_guide].sum()),
+                    "reached": int(self._chooser.reached[scene, of_guide].sum()),
+                }
+
+    def trace(self, episode: Sequence[TracedDecision]) -> list[dict[str, Any]]:
+        """One episode, decision by decision."""
+        return [self._decision(step, decision) for step, decision in enumerate(episode, start=1)]
+
+    def _decision(self, step: int, decision: TracedDecision) -> dict[str, Any]:
+        body, head = self._bodies[decision.scene], self._heads[decision.head]
+        return {
+            "step": step,
+            "scene": body_document(body),
+            "clause": str(Clause(head, body)),
+            "guide": self._policies[self._chooser.candidates.guides[decision.candidate]],
+            "weights": list(self._weighed(decision)),
+            "head": str(head),
+            "steps": decision.steps,
+            "reached": decision.reached,
+            "audition": decision.audition,
+        }
+
+    def _weighed(self, decision: TracedDecision) -> Iterator[dict[str, Any]]:
+        for number, policy in enumerate(self._policies):
+            best = self._best(number, decision.weights, decision.similarity)
+            if best is not None:
+                yield {
+                    "policy": policy,
+                    "similarity": float(decision.similarity[best]),
+                    "performance": float(decision.performance[best]),
+                    "weight": float(decision.weights[best]),
+                }
+
+    def _best(self, number: int, weights: np.ndarray, similarity: np.ndarray) -> int | None:
+        """The guide's candidate of largest Λ among those that match the scene."""
+        of_guide = (self._chooser.candidates.guides == number) & np.isfinite(similarity)
+        if number != TARGET and not of_guide.any():
+            return None
+        return int(np.where(of_guide, weights, -np.inf).argmax())
