@@ -1,0 +1,144 @@
+"""What the low level sees, on states drawn by hand."""
+
+import numpy as np
+import pytest
+
+from paddlectl.tasks.minigrid import symbols as s
+from paddlectl.tasks.minigrid.engine import State
+from paddlectl.tasks.minigrid.grid import Held
+from paddlectl.tasks.minigrid.observe import OBSERVATION_SIZE, Observer
+from pictures import parse
+
+TARGET, PASSAGE, TOUCH, FACING, HEAD = (
+    slice(49, 57),
+    slice(57, 64),
+    slice(64, 67),
+    slice(67, 71),
+    slice(71, 81),
+)
+
+BLOCKED = """
+###############
+#......#......#
+#.k....#......#
+#..>...#..g...#
+#.....bL......#
+#...x..#......#
+#......#......#
+###############
+"""
+
+
+def observe(state: State, head) -> np.ndarray:
+    heads = np.array([s.HEADS.index(head)])
+    seen = Observer(1)(state.grid, state.rows, state.agent, state.facing, state.held, state.where, heads)
+    assert seen.shape == (1, OBSERVATION_SIZE)
+    assert seen.dtype == np.float32
+    return seen[0]
+
+
+def window(seen: np.ndarray) -> str:
+    return "\n".join("".join("#" if cell else "." for cell in row) for row in seen[:49].reshape(7, 7))
+
+
+def test_window_around_the_agent():
+    assert window(observe(parse(BLOCKED), s.GT_KEY)) == "\n".join(
+        [
+            "#######",
+            "#......",
+            "#.#....",
+            "#......",
+            "#.....#",
+            "#...#..",
+            "#......",
+        ]
+    )
+
+
+def test_outside_the_grid_nothing_can_be_walked_on():
+    picture = BLOCKED.replace("#..>...#", "#......#").replace("#......#......#", "#>.....#......#", 1)
+    lines = window(observe(parse(picture), s.GT_KEY)).split()
+    assert lines[:3] == ["#######"] * 3
+    assert lines[3] == "###...."
+
+
+def test_an_open_passage_and_a_goal_can_be_walked_on():
+    picture = BLOCKED.replace("..>...#..g", "......#..G").replace("b", ">").replace("L", "/")
+    assert window(observe(parse(picture), s.GT_DOOR)).split()[3] == "......."
+    assert window(observe(parse(picture), s.GT_DOOR)).split()[2] == "....#.."
+    closed = picture.replace("/", "L")
+    assert window(observe(parse(closed), s.GT_DOOR)).split()[3] == "....#.."
+
+
+@pytest.mark.parametrize(
+    ("head", "target"),
+    [
+        (s.GT_KEY, [1, -1 / 14, -1 / 7, -1, -1, 0, 0, 1]),
+        (s.GT_BOX, [1, 1 / 14, 2 / 7, 1, 1, 0, 0, 1]),
+        (s.GT_BLOCKAGE, [1, 3 / 14, 1 / 7, 1, 1, 0, 0, 1]),
+        (s.GT_BALL, [1, 7 / 14, 0, 1, 0, 0, 1, 0]),
+        (s.GT_DOOR, [1, 4 / 14, 1 / 7, 1, 1, 0, 0, 0]),
+        (s.GT_GOAL, [0] * 8),
+        (s.PUT_KEY, [0] * 8),
+        (s.PUT_BLOCKAGE, [0] * 8),
+        (s.PLACE_BLOCKAGE, [0] * 8),
+    ],
+)
+def test_target_of_a_subgoal(head, target):
+    np.testing.assert_allclose(observe(parse(BLOCKED), head)[TARGET], target, rtol=1e-6)
+
+
+def test_tiles_are_targets_of_placing():
+    picture = BLOCKED.replace("k", "y").replace("g", "r")
+    state = parse(picture, Held.BLOCKAGE)
+    np.testing.assert_allclose(observe(state, s.PLACE_BLOCKAGE)[TARGET][:3], [1, -1 / 14, -1 / 7], rtol=1e-6)
+    np.testing.assert_allclose(observe(state, s.PLACE_BALL)[TARGET][:3], [1, 7 / 14, 0], rtol=1e-6)
+
+
+def test_passage():
+    np.testing.assert_allclose(
+        observe(parse(BLOCKED), s.GT_KEY)[PASSAGE], [4 / 14, 1 / 7, 1, 1, 0, 1, 0], rtol=1e-6
+    )
+    beyond = BLOCKED.replace("..>...#..g", "......#..g").replace("bL...", "./..<")
+    np.testing.assert_allclose(
+        observe(parse(beyond), s.GT_KEY)[PASSAGE], [-3 / 14, 0, -1, 0, 1, 0, 1], rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "held", "touch"),
+    [
+        ("..>...#", "..>...#", Held.NOTHING, [0, 1, 0]),
+        ("..>...#", "..>...#", Held.KEY, [0, 1, 1]),
+        (".k....#......#\n#..>", "......#......#\n#.k<", Held.NOTHING, [1, 0, 0]),
+        ("..>...#", "<.....#", Held.BALL, [0, 0, 1]),
+    ],
+)
+def test_what_is_in_front_and_in_hand(old, new, held, touch):
+    assert old in BLOCKED
+    seen = observe(parse(BLOCKED.replace(old, new), held), s.GT_KEY)
+    assert seen[TOUCH].tolist() == touch
+
+
+@pytest.mark.parametrize(("agent", "facing"), list(zip(">v<^", range(4), strict=True)))
+def test_facing_and_head_are_one_hot(agent, facing):
+    for i, head in enumerate(s.HEADS):
+        seen = observe(parse(BLOCKED.replace(">", agent)), head)
+        assert seen[FACING].tolist() == np.eye(4)[facing].tolist()
+        assert seen[HEAD].tolist() == np.eye(10)[i].tolist()
+
+
+@pytest.mark.parametrize("other", ["b", "g", "y", "Y", "r"])
+def test_another_object_shows_as_an_obstacle_only(other):
+    """A key in the way looks to `gt_box` as any other thing there does."""
+    picture = BLOCKED.replace("b", ".").replace("g", ".")
+    expected = observe(parse(picture), s.GT_BOX)
+    np.testing.assert_array_equal(observe(parse(picture.replace("k", other)), s.GT_BOX), expected)
+    np.testing.assert_array_equal(
+        observe(parse(picture, Held.KEY), s.GT_BOX), observe(parse(picture, Held.BALL), s.GT_BOX)
+    )
+
+
+def test_a_far_object_that_is_no_target_isn_t_seen():
+    with_ball, without = parse(BLOCKED), parse(BLOCKED.replace("g", "."))
+    np.testing.assert_array_equal(observe(with_ball, s.GT_KEY), observe(without, s.GT_KEY))

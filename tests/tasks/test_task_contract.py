@@ -1,0 +1,242 @@
+"""What every registered task promises to whoever learns it."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from paddlectl.errors import NotFoundError
+from paddlectl.logic.atoms import Literal
+from paddlectl.logic.templates import scenes
+from paddlectl.tasks import suite
+from paddlectl.tasks.minigrid.layouts import SPECS, Layouts, draw_layouts
+from planner import World, shortest_plan
+
+LANES = 64
+TASKS = pytest.mark.parametrize("name", suite.names())
+
+
+@cache
+def drawn(name: str) -> Layouts:
+    return draw_layouts(SPECS[name], np.random.default_rng(7), 500)
+
+
+@cache
+def plan_of(name: str, lane: int) -> list[int]:
+    return shortest_plan(SPECS[name], drawn(name), lane)
+
+
+def planned(name: str, count: int) -> tuple[Layouts, list[list[int]]]:
+    layouts = Layouts(*(values[:count] for values in drawn(name)))
+    return layouts, [plan_of(name, lane) for lane in range(count)]
+
+
+def heads_of(env, head: int) -> np.ndarray:
+    return np.full(env.lanes, head)
+
+
+def play(name: str, seed: int = 0, steps: int = 400):
+    """A random rollout: (environment after the step, actions, step), finished lanes restarted afterwards."""
+    env = suite.load(name).make(LANES, seed)
+    rng = np.random.default_rng(seed)
+    for _ in range(steps):
+        actions = rng.integers(env.actions, size=LANES)
+        step = env.step(actions)
+        yield env, actions, step
+        env.reset(step.terminated | step.truncated)
+
+
+@TASKS
+def test_spaces(name):
+    task = suite.load(name)
+    env = task.make(5, 0)
+    assert (task.name, env.lanes) == (name, 5)
+    assert set(task.heads) <= set(task.domain_heads)
+    assert len(set(task.vocabulary.atoms)) == len(task.vocabulary.atoms)
+    step = env.step(np.zeros(5, dtype=np.intp))
+    heads = heads_of(env, 0)
+    shapes = {
+        "reward": (step.reward, np.float32, (5,)),
+        "score": (step.score, np.float32, (5,)),
+        "terminated": (step.terminated, np.bool_, (5,)),
+        "truncated": (step.truncated, np.bool_, (5,)),
+        "valuation": (env.valuation(), np.bool_, (5, len(task.vocabulary.atoms))),
+        "observation": (env.observe(heads), np.float32, (5, env.observation_size)),
+        "reached": (env.reached(heads), np.bool_, (5,)),
+        "available": (env.available(heads), np.bool_, (5,)),
+    }
+    for what, (values, dtype, shape) in shapes.items():
+        assert (values.dtype, values.shape) == (dtype, shape), what
+
+
+def test_one_observation_and_action_space_in_a_domain():
+    spaces = {}
+    for name in suite.names():
+        task = suite.load(name)
+        env = task.make(1, 0)
+        spaces.setdefault(task.domain, set()).add((env.observation_size, env.actions, task.domain_heads))
+    assert all(len(found) == 1 for found in spaces.values())
+
+
+@TASKS
+def test_observations_are_finite_and_new_each_time(name):
+    heads = len(suite.load(name).domain_heads)
+    for i, (env, _, _) in enumerate(play(name)):
+        seen = env.observe(np.arange(LANES) % heads)
+        assert np.abs(seen).max() <= 1
+        if i == 0:
+            first, kept = seen, seen.copy()
+    np.testing.assert_array_equal(first, kept)
+
+
+@TASKS
+def test_encoder_stays_within_the_consistent_scenes(name):
+    vocabulary = suite.load(name).vocabulary
+    allowed = set(scenes(vocabulary.atoms, vocabulary.exclusions))
+    seen = set()
+    for env, _, _ in play(name):
+        seen |= set(map(tuple, env.valuation().tolist()))
+    bodies = {frozenset(map(Literal, vocabulary.atoms, truth)) for truth in seen}
+    assert len(bodies) > 2
+    assert bodies <= allowed
+
+
+@TASKS
+def test_every_head_can_be_reached(name):
+    """A head counts once a step turns `available` into `reached`."""
+    task = suite.load(name)
+    wanted = {task.domain_heads.index(head) for head in task.heads}
+    layouts, plans = planned(name, LANES)
+    env = task.make(LANES, 0)
+    env.set_layouts(layouts)
+    rng = np.random.default_rng(0)
+    last = max(map(len, plans))
+    for t in range(last + 2000):
+        actions = rng.integers(env.actions, size=LANES)
+        for lane, plan in enumerate(plans):
+            actions[lane] = plan[t] if t < len(plan) else actions[lane]
+        before = {head: env.available(heads_of(env, head)) for head in wanted}
+        step = env.step(actions)
+        wanted = {head for head in wanted if not (before[head] & env.reached(heads_of(env, head))).any()}
+        if not wanted:
+            return
+        if t >= last:
+            env.reset(None if t == last else step.terminated | step.truncated)
+    raise AssertionError([str(task.domain_heads[head]) for head in wanted])
+
+
+@TASKS
+def test_a_head_that_holds_is_not_available(name):
+    heads = range(len(suite.load(name).domain_heads))
+    for env, _, _ in play(name, steps=200):
+        assert not any((env.available(heads_of(env, h)) & env.reached(heads_of(env, h))).any() for h in heads)
+
+
+@TASKS
+def test_rewards_keep_their_bounds(name):
+    task = suite.load(name)
+    age, milestones = np.zeros(LANES), np.zeros(LANES)
+    most = 0.1 * len(SPECS[name].milestones)
+    for _, _, step in play(name, steps=700):
+        age += 1
+        milestones += step.reward - step.score
+        assert not (step.terminated & step.truncated).any()
+        np.testing.assert_array_equal(step.score > 0, step.terminated)
+        np.testing.assert_allclose(step.score, step.terminated * (1 - 0.9 * age / task.horizon), rtol=1e-5)
+        np.testing.assert_array_equal(step.truncated, (age == task.horizon) & ~step.terminated)
+        assert (step.reward - step.score >= -1e-6).all()
+        assert (milestones <= most + 1e-5).all()
+        done = step.terminated | step.truncated
+        age[done], milestones[done] = 0, 0
+
+
+@TASKS
+def test_a_finished_lane_rests(name):
+    layouts, plans = planned(name, LANES)
+    env = suite.load(name).make(LANES, 0)
+    env.set_layouts(layouts)
+    heads = np.arange(LANES) % len(suite.load(name).domain_heads)
+    finished, seen = np.zeros(LANES, dtype=bool), None
+    for t in range(max(map(len, plans)) + 5):
+        step = env.step(np.array([plan[t] if t < len(plan) else t % 7 for plan in plans]))
+        assert not (finished & (step.terminated | step.truncated | (step.reward != 0))).any()
+        now = np.concatenate([env.observe(heads), env.valuation()], axis=1)
+        if seen is not None:
+            np.testing.assert_array_equal(now[finished], seen[finished])
+        finished |= step.terminated | step.truncated
+        seen = now
+    assert finished.all()
+
+
+@TASKS
+def test_equal_seeds_give_equal_trajectories(name):
+    def trace(seed: int, actions_seed: int) -> bytes:
+        env = suite.load(name).make(LANES, seed)
+        rng = np.random.default_rng(actions_seed)
+        trace = []
+        for _ in range(330):
+            step = env.step(rng.integers(env.actions, size=LANES))
+            env.reset(step.terminated | step.truncated)
+            trace += [
+                step.reward.tobytes(),
+                env.observe(heads_of(env, 0)).tobytes(),
+                env.valuation().tobytes(),
+            ]
+        return b"".join(trace)
+
+    assert trace(3, 0) == trace(3, 0)
+    assert trace(3, 0) != trace(4, 0)
+
+
+@TASKS
+def test_every_drawn_layout_can_be_solved(name):
+    """500 shortest plans, each of which the engine confirms: solved in its last step, not before."""
+    layouts, plans = planned(name, 500)
+    lengths = np.array([len(plan) for plan in plans])
+    print(f"{name}: shortest plans take {lengths.mean():.2f} steps on average, {lengths.max()} at most")
+    env = suite.load(name).make(len(plans), 0)
+    env.set_layouts(layouts)
+    ends = np.zeros(len(plans), dtype=int)
+    for t in range(lengths.max()):
+        step = env.step(np.array([plan[t] if t < len(plan) else 0 for plan in plans]))
+        ends[step.terminated] = t + 1
+    np.testing.assert_array_equal(ends, lengths)
+
+
+@pytest.mark.parametrize("name", ["OpenGoal", "BoxDoor"])
+def test_plans_are_as_short_as_breadth_first_search_finds(name):
+    layouts, plans = planned(name, LANES)
+    for lane in range(4):
+        world = World(SPECS[name], layouts, lane)
+        frontier, seen, depth = {world.start}, {world.start}, 0
+        while not any(map(world.solved, frontier)):
+            frontier = {after for state in frontier for _, after in world.successors(state)} - seen
+            seen |= frontier
+            depth += 1
+        assert len(plans[lane]) == depth
+
+
+@TASKS
+def test_starts_are_spread_over_the_rooms(name):
+    where = draw_layouts(SPECS[name], np.random.default_rng(0), 4000)
+    passages, counts = np.unique(where.where[:, 7], return_counts=True)
+    assert len(passages) == 6
+    assert counts.min() > 500
+    assert set(np.unique(where.agent % 15)) == {1, 2, 3}
+    assert len(np.unique(where.agent)) == 18
+    assert np.unique(where.facing, return_counts=True)[1].min() > 800
+
+
+@pytest.mark.parametrize(
+    ("typed", "hint"),
+    [
+        ("BoxDor", "did you mean BoxDoor?"),
+        ("doorball", "did you mean DoorBall"),
+        ("Chess", "tasks: BlockedDoor, GapBall"),
+    ],
+)
+def test_a_task_that_isn_t_there(typed, hint):
+    with pytest.raises(NotFoundError, match="no task") as error:
+        suite.load(typed)
+    assert error.value.exit_code == 4
+    assert error.value.hint.startswith(hint)
