@@ -15,10 +15,11 @@ from paddlectl.registry.records import RunRecord
 from paddlectl.report.explanation import PHASES, TARGET
 from paddlectl.report.mapping import Labels, labels_of, legend, mapping_table, scene_text
 from paddlectl.report.output import clean
-from paddlectl.report.programs import program_parts
+from paddlectl.report.programs import minimised_grid
 from paddlectl.report.tables import figure, percent
 
 RARE = 0.002  # share of all decisions below which a scene is only counted
+SHORTEST = 20  # minimised clauses that are shown; a soft program has hundreds
 
 Document = Mapping[str, Any]
 
@@ -29,6 +30,7 @@ def explanation_parts(document: Document, run: RunRecord) -> list[RenderableType
     scenes = scenes_met(document["weights"])
     return [
         *_header(run, labels),
+        *_legend(document),
         *_program(document["program"], run),
         *_psi(document["mapping"], scenes, labels),
         *_guidance(document, scenes, labels),
@@ -51,11 +53,43 @@ def _header(run: RunRecord, labels: Labels) -> list[RenderableType]:
     ]
 
 
+def _legend(document: Document) -> list[RenderableType]:
+    bodies = [row["scene"] for row in document["weights"]]
+    for program in (document["program"], *document["source_programs"]):
+        bodies += [clause["body"] for clause in program["clauses"]] if program else []
+    return [legend(bodies)] if bodies else []
+
+
 def _program(program: Document | None, run: RunRecord) -> list[RenderableType]:
     heading = _heading("Learned program")
     if program is None:
         return [heading, f"No policy was stored: the run is {clean(run.status)}."]
-    return [heading, *program_parts(dict(program))]
+    return [
+        heading,
+        _program_table(program["clauses"]),
+        *_shortest(program),
+    ]
+
+
+def _program_table(clauses: Iterable[Document]) -> Table:
+    """The raw program, a row for each scene: its subgoals with their probabilities, the likeliest first."""
+    heads: dict[tuple[str, ...], list[tuple[float, str]]] = {}
+    for clause in clauses:
+        heads.setdefault(tuple(clause["body"]), []).append((clause["probability"], clause["head"]))
+    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    drawn.add_column("in the scene", overflow="fold")
+    drawn.add_column("its subgoals, with their probabilities", overflow="fold")
+    for body, found in heads.items():
+        told = ", ".join(f"{p:.2f} {head}" for p, head in sorted(found, reverse=True))
+        drawn.add_row(scene_text(body), clean(told))
+    return drawn
+
+
+def _shortest(program: Document) -> list[RenderableType]:
+    shown = program["minimised"][:SHORTEST]
+    more = len(program["minimised"]) - len(shown)
+    rest = [f"  and {more} more; run: paddlectl show {clean(program['policy'])}"] if more else []
+    return ["The same in its shortest clauses:", minimised_grid(shown), *rest]
 
 
 def _psi(mapping: Document | None, scenes: "Sequence[SceneMet]", labels: Labels) -> list[RenderableType]:
@@ -66,7 +100,7 @@ def _psi(mapping: Document | None, scenes: "Sequence[SceneMet]", labels: Labels)
     heading = _heading(
         f"Ψ in the {len(met)} scenes met, of {len(mapping['scenes'])}; * marks the most similar"
     )
-    return [heading, legend(known), mapping_table(met, labels)]
+    return [heading, mapping_table(met, labels)]
 
 
 # Who led where
@@ -182,7 +216,7 @@ def _guidance(document: Document, scenes: Sequence[SceneMet], labels: Labels) ->
     rest = scenes[len(shown) :]
     if rest:
         seldom = sum(scene.total for scene in rest)
-        parts.append(f"{len(rest)} more scenes came up {seldom:,} times in all; --json tells of them.")
+        parts.append(f"Seldom met, and told by --json only: {len(rest)} scenes, {seldom:,} decisions.")
     return parts
 
 
@@ -216,7 +250,7 @@ def _reason(leader: Standing, others: Sequence[Standing], labels: Labels) -> str
     name = f"{_name(rival.policy, labels)}'s {figure(rival.weight)}"
     if leader.weight >= (rival.weight or 0.0):
         return f"{own}, the highest Λ {figure(leader.weight)} before {name}"
-    return f"{own}, Λ {figure(leader.weight)}; {name} has passed it by the end"
+    return f"{own}, Λ {figure(leader.weight)}; {name} had passed it at the end"
 
 
 def _name(policy: str, labels: Labels) -> str:
@@ -273,15 +307,16 @@ def _decision(decision: Document, labels: Labels) -> list[RenderableType]:
     ]
 
 
-def _candidates(decision: Document, labels: Labels) -> Text:
-    told = []
+def _candidates(decision: Document, labels: Labels) -> Table:
+    drawn = Table.grid(padding=(0, 1))
     for one in decision["weights"]:
         star = "*" if one["policy"] == decision["guide"] else ""
-        values = (
-            f"ψ {figure(one['similarity'])} Φ {figure(one['performance'])} Λ {figure(one['weight'])}"
-        ).replace(" ", "\N{NO-BREAK SPACE}")
-        told.append(f"{star}{labels(one['policy'])}\N{NO-BREAK SPACE}{values}")
-    return Text("   ".join(told))
+        values = [
+            f"{name} {figure(one[field])}"
+            for name, field in (("ψ", "similarity"), ("Φ", "performance"), ("Λ", "weight"))
+        ]
+        drawn.add_row(labels(one["policy"]), *values, star)
+    return drawn
 
 
 def _heading(text: str) -> RenderableType:

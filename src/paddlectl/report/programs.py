@@ -71,7 +71,6 @@ def program_parts(document: dict[str, Any]) -> list[RenderableType]:
         (f"{clause['probability']:.2f} ::", clause["head"], ", ".join(clause["body"]))
         for clause in document["clauses"]
     ]
-    short = [("", head, body) for head, _, body in (text.partition(" :- ") for text in document["minimised"])]
     return [
         f"{clean(document['policy'])} for {clean(document['task'])}",
         "",
@@ -79,8 +78,13 @@ def program_parts(document: dict[str, Any]) -> list[RenderableType]:
         _grid(raw),
         "",
         "The same in its shortest clauses:",
-        _grid(short),
+        minimised_grid(document["minimised"]),
     ]
+
+
+def minimised_grid(clauses: Iterable[str]) -> RenderableType:
+    """Clauses without probabilities, their bodies below each other."""
+    return _grid(("", head, body) for head, _, body in (text.partition(" :- ") for text in clauses))
 
 
 def _grid(clauses: Iterable[tuple[str, str, str]]) -> RenderableType:
