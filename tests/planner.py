@@ -237,7 +237,7 @@ def _done(world: World, phase: Phase) -> np.ndarray:
 
 
 def _interactions(world: World, phase: Phase):
-    """What can be done: (kind, the cells in front where it works, the phase after); None stands for all cells.
+    """What can be done: (kind, the cells in front where it works, the phase after); None: all cells.
 
     Of one kind, one thing at most can be done in a pose.
     """

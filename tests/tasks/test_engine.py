@@ -27,13 +27,8 @@ def after(task: str, row: str, held: Held, *actions: Action) -> tuple[str, Held]
     return draw(engine.state).split()[3], Held(engine.state.held[0])
 
 
-DOOR, GAP, OPEN, BLOCKED, GOALS = (
-    "BoxDoor",
-    "GapBall",
-    "OpenGoal",
-    "BlockedBoxUnlockPickup",
-    "BlockedBoxPlaceGoal",
-)
+DOOR, GAP, OPEN = "BoxDoor", "GapBall", "OpenGoal"
+BLOCKED, GOALS = "BlockedBoxUnlockPickup", "BlockedBoxPlaceGoal"
 
 
 @pytest.mark.parametrize(
