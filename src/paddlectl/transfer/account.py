@@ -26,27 +26,31 @@ class Account:
     def weights(self, phase: str, frames: int) -> Iterator[dict[str, Any]]:
         """One row for each scene met since the chooser was cleared, and each policy with a match there.
 
-        Of several matches of one source the row shows the best; the counts are over all of them.
+        Of several matches of one source the row shows the best, at the level of progress that the scene
+        came up with most; the counts are over all of them.
         """
         weighing = self._chooser.weigh()
-        for scene in np.flatnonzero(self._chooser.decisions):
+        by_scene = self._chooser.decisions.reshape(len(self._bodies), -1)
+        for scene in np.flatnonzero(by_scene.sum(-1)):
+            rows = scene * by_scene.shape[1] + np.arange(by_scene.shape[1])
+            shown = rows[by_scene[scene].argmax()]
             for number, policy in enumerate(self._policies):
-                best = self._best(number, weighing.weight[scene], weighing.similarity[scene])
+                best = self._best(number, weighing.weight[shown], weighing.similarity[shown])
                 if best is None:
                     continue
-                of_guide = self._chooser.candidates.guides == number
+                led = np.ix_(rows, self._chooser.candidates.guides == number)
                 yield {
                     "phase": phase,
                     "frames": frames,
                     "scene": body_document(self._bodies[scene]),
                     "policy": policy,
                     "task": self._tasks[number],
-                    "similarity": float(weighing.similarity[scene, best]),
-                    "performance": float(weighing.performance[scene, best]),
-                    "weight": float(weighing.weight[scene, best]),
-                    "decisions": int(self._chooser.decisions[scene]),
-                    "chosen": int(self._chooser.chosen[scene, of_guide].sum()),
-                    "reached": int(self._chooser.reached[scene, of_guide].sum()),
+                    "similarity": float(weighing.similarity[shown, best]),
+                    "performance": float(weighing.performance[shown, best]),
+                    "weight": float(weighing.weight[shown, best]),
+                    "decisions": int(by_scene[scene].sum()),
+                    "chosen": int(self._chooser.chosen[led].sum()),
+                    "reached": int(self._chooser.reached[led].sum()),
                 }
 
     def trace(self, episode: Sequence[TracedDecision]) -> list[dict[str, Any]]:

@@ -21,8 +21,9 @@ class GuidanceSettings:
             (1 - fading^n)·Φ. Under the paper's sum a well matched source that fails for ever keeps its ψ.
         curiosity: Λ of the target is at least this. Where no source gains anything more than this,
             the target explores, at once, and only there.
-        failure_penalty: Taken off a candidate's Λ for each subgoal that it failed in this scene in
-            this episode. A frozen source that is stuck in a layout stays stuck.
+        repeat_penalty: Taken off a candidate's Λ for each earlier decision of its guide for the same subgoal
+            in this scene of this episode: the subgoal was missed, or the episode came back. A frozen
+            source that is stuck stays stuck, and two that undo each other's work would do so for ever.
         audition_rate: In this share of an episode's scenes, times the target's certainty of its head
             there, the target acts once though its Λ is lower: so it is measured everywhere.
         audition_samples: The target leads a scene by merit only after this many decisions there.
@@ -33,7 +34,7 @@ class GuidanceSettings:
 
     fading: float = 0.7
     curiosity: float = 0.05
-    failure_penalty: float = 0.5
+    repeat_penalty: float = 0.3
     audition_rate: float = 0.1
     audition_samples: float = 5.0
     target_margin: float = 0.03

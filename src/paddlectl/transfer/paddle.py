@@ -85,6 +85,7 @@ class TracedDecision(NamedTuple):
     """
 
     scene: int
+    row: int
     candidate: int
     head: int
     steps: int
@@ -98,12 +99,17 @@ class TracedDecision(NamedTuple):
 class GuideChooser:
     """Lines 4-14 of Algorithm 2: scene → Λ of every candidate → guide → subgoal.
 
+    Its tables have a row for each situation: a scene, or a scene and a level of progress (`LEVELS`).
+
     Attributes:
         candidates: Who may lead where.
         traces: The decisions of each episode that ended since `clear`, in order of ending.
-        decisions, chosen, reached: How often a scene came up, a candidate led there, and reached its
-            subgoal, since `clear`. [S], [S, C], [S, C]
+        decisions, chosen, reached: How often a situation came up, a candidate led there, and reached its
+            subgoal, since `clear`. [R], [R, C], [R, C]
     """
+
+    LEVELS = 1
+    """Levels of progress that are told apart within a scene; row = scene * LEVELS + level."""
 
     def __init__(
         self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator
@@ -111,7 +117,7 @@ class GuideChooser:
         scenes = len(target.clauses.bodies)
         self.target = target
         self.candidates = candidates
-        self.shape = (scenes, len(candidates.guides))
+        self.shape = (scenes * self.LEVELS, len(candidates.guides))
         self.traces: list[list[TracedDecision]] = []
         self._rng = rng
         self._own_heads = domain_heads(target.task)
@@ -131,30 +137,32 @@ class GuideChooser:
         self._own = self.target.clauses.probabilities()
 
     def weigh(self) -> Weighing:
-        """ψ, Φ and Λ of every candidate in every scene."""
+        """ψ, Φ and Λ of every candidate in every situation. [R, C] each"""
         raise NotImplementedError
 
     def choose(self, lanes: Ints, scenes: Ints) -> tuple[Ints, Ints]:
         """The guide and the head for each lane. [n], [n]"""
         weighing = self.weigh()
-        weights = self._lane_weights(weighing.weight, lanes, scenes)
+        rows = self._rows(lanes, scenes)
+        weights = self._lane_weights(weighing.weight, lanes, rows)
         chosen = choose_guide(weights, self._rng)
         audition = self._auditions(lanes, scenes, chosen)
         chosen[audition] = TARGET
         heads = self._heads(chosen, scenes)
-        for lane, scene, candidate, head, heard, row in zip(
-            lanes, scenes, chosen, heads, audition, weights, strict=True
+        for lane, scene, row, candidate, head, heard, weight in zip(
+            lanes, scenes, rows, chosen, heads, audition, weights, strict=True
         ):
             self._present[lane] = TracedDecision(
-                scene,
-                candidate,
-                head,
+                int(scene),
+                int(row),
+                int(candidate),
+                int(head),
                 0,
                 False,
-                heard,
-                weighing.similarity[scene],
-                weighing.performance[scene],
-                row,
+                bool(heard),
+                weighing.similarity[row],
+                weighing.performance[row],
+                weight,
             )
         return self.candidates.guides[chosen], heads
 
@@ -173,9 +181,9 @@ class GuideChooser:
             assert present is not None
             decision = present._replace(steps=int(steps), reached=bool(reached))
             self._episode[lane].append(decision)
-            self.decisions[decision.scene] += 1
-            self.chosen[decision.scene, decision.candidate] += 1
-            self.reached[decision.scene, decision.candidate] += reached
+            self.decisions[decision.row] += 1
+            self.chosen[decision.row, decision.candidate] += 1
+            self.reached[decision.row, decision.candidate] += reached
             self._learn(lane, decision, float(reward), None if done else int(following))
             if done:
                 self.traces.append(self._episode[lane])
@@ -187,8 +195,11 @@ class GuideChooser:
         heads[own] = self._own_heads[sample_rows(self._own[scenes[own]], self._rng)]
         return heads
 
-    def _lane_weights(self, weights: Table, lanes: Ints, scenes: Ints) -> Table:
-        return weights[scenes]
+    def _rows(self, lanes: Ints, scenes: Ints) -> Ints:
+        return scenes
+
+    def _lane_weights(self, weights: Table, lanes: Ints, rows: Ints) -> Table:
+        return weights[rows]
 
     def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         return np.zeros(len(lanes), np.bool_)
@@ -227,7 +238,13 @@ class PaperGuides(GuideChooser):
 
 
 class PlannedGuides(GuideChooser):
-    """`guidance: default`: the rules of `GuidanceSettings` over planned returns."""
+    """`guidance: default`: the rules of `GuidanceSettings` over planned returns.
+
+    A situation is a scene and how many of the episode's decisions were paid. Milestones pay once an
+    episode; without their count, a key that is put down and picked up again looks as if it paid again.
+    """
+
+    LEVELS = 6
 
     def __init__(
         self,
@@ -241,25 +258,39 @@ class PlannedGuides(GuideChooser):
         self.rules = settings
         memory = np.where(candidates.guides == TARGET, settings.target_memory, settings.source_memory)
         self._returns = PlannedReturns(self.shape, target.settings.clauses.discount, memory)
-        self._failed = np.zeros((lanes, *self.shape), np.float32)
+        self._similarity = np.repeat(candidates.similarity, self.LEVELS, axis=0)
+        self._known = np.where(np.isfinite(self._similarity), self._similarity, 0.0)
+        self._repeats = np.zeros((lanes, self.shape[0], *self._guides_and_heads()), np.float32)
+        self._leading_head = candidates.heads.argmax(-1)
+        self._level = np.zeros(lanes, np.intp)
         self._heard = np.zeros(lanes, np.bool_)
 
     def weigh(self) -> Weighing:
-        """ψ faded into the planned Φ; the target by merit, or out of curiosity. [S, C] each"""
-        returns = self._returns
-        known = np.where(np.isfinite(self.candidates.similarity), self.candidates.similarity, 0.0)
-        weights = faded_weight(known, returns.mean, returns.count, self.rules.fading)
-        weights[np.isneginf(self.candidates.similarity)] = -np.inf
-        measured = returns.count[:, TARGET] >= self.rules.audition_samples
-        merit = np.where(measured, returns.mean[:, TARGET] + self.rules.target_margin, 0.0)
-        weights[:, TARGET] = np.maximum(merit, self.rules.curiosity)
+        """ψ faded into the planned Φ; the target by merit, or out of curiosity. [R, C] each"""
+        returns, rules = self._returns, self.rules
+        weights = faded_weight(self._known, returns.mean, returns.count, rules.fading)
+        weights[np.isneginf(self._similarity)] = -np.inf
+        measured = returns.count[:, TARGET] >= rules.audition_samples
+        merit = np.where(measured, returns.mean[:, TARGET], 0.0)
+        weights[:, TARGET] = np.maximum(merit, rules.curiosity)
         returns.sweep(weights.max(-1))
-        return Weighing(self.candidates.similarity, returns.mean.copy(), weights)
+        weights[:, TARGET] += rules.target_margin * measured
+        return Weighing(self._similarity, returns.mean.copy(), weights)
 
-    def _lane_weights(self, weights: Table, lanes: Ints, scenes: Ints) -> Table:
-        penalised: Table = weights[scenes] - self.rules.failure_penalty * self._failed[lanes, scenes]
+    def _rows(self, lanes: Ints, scenes: Ints) -> Ints:
+        rows: Ints = scenes * self.LEVELS + self._level[lanes]
+        return rows
+
+    def _lane_weights(self, weights: Table, lanes: Ints, rows: Ints) -> Table:
+        leading = np.tile(self._leading_head, (len(lanes), 1))
+        leading[:, TARGET] = self._own_heads[self._own[rows // self.LEVELS].argmax(-1)]
+        repeats = self._repeats[lanes[:, None], rows[:, None], self.candidates.guides, leading]
+        penalised: Table = weights[rows] - self.rules.repeat_penalty * repeats
         penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.curiosity)
         return penalised
+
+    def _guides_and_heads(self) -> tuple[int, int]:
+        return int(self.candidates.guides.max()) + 1, self.candidates.heads.shape[1]
 
     def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         rate = self.rules.audition_rate * self._own[scenes].max(-1)
@@ -268,11 +299,14 @@ class PlannedGuides(GuideChooser):
         return heard
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
-        self._returns.record(decision.scene, decision.candidate, reward, following)
-        if not decision.reached:
-            self._failed[lane, decision.scene, decision.candidate] += 1
+        guide = self.candidates.guides[decision.candidate]
+        self._repeats[lane, decision.row, guide, decision.head] += 1
+        self._level[lane] = min(self._level[lane] + (reward > 0), self.LEVELS - 1)
+        next_row = None if following is None else following * self.LEVELS + self._level[lane]
+        self._returns.record(decision.row, decision.candidate, reward, next_row)
         if following is None:
-            self._failed[lane] = 0
+            self._repeats[lane] = 0
+            self._level[lane] = 0
             self._heard[lane] = False
 
 
