@@ -134,6 +134,21 @@ def test_a_registry_that_is_none(command: Command, tmp_path: Path) -> None:
     expect(command("runs"), 5)
 
 
+def test_a_place_where_no_registry_can_be(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for place in (tmp_path / "file", "/proc/nowhere/registry"):
+        expect(command("train", "BoxDoor", "--registry", place), 1, str(place))
+
+
+def test_a_full_disk_behind_stdout(registry: Registry) -> None:
+    line = f"{sys.executable} -m paddlectl runs --json > /dev/full"
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PADDLECTL_REGISTRY": registry.location}
+    done = subprocess.run(
+        line, shell=True, env=environment, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (1, "error: No space left on device\n")
+
+
 def test_a_fault_of_the_disk_is_one_line(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_: object) -> None:
         raise OSError(28, "No space left on device", "/there/registry.db")

@@ -70,7 +70,10 @@ def run_training(jobs: "Sequence[TrainJob]", registry: str) -> list[dict[str, An
     """Runs the jobs with their progress on stderr and gives their rows."""
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.experiments.processes import run_jobs
+    from paddlectl.registry.store import Registry
     from paddlectl.report.progress import progress
+
+    Registry.open(registry).close()  # a place that can't be used is told before anything is trained
 
     with stdout_kept(), progress([f"{job.task} seed {job.seed}" for job in jobs]) as report:
         return run_jobs(jobs, registry, report)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from paddlectl.report.output import clean
 
@@ -50,17 +50,17 @@ def progress(labels: Sequence[str]) -> Iterator[Report]:
 def _bars(labels: Sequence[str]) -> Iterator[Report]:
     columns = (
         TextColumn("{task.description}", markup=False),
-        BarColumn(),
+        BarColumn(bar_width=20),
+        TaskProgressColumn(),
         TextColumn("{task.fields[told]}", markup=False),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        TimeRemainingColumn(compact=True),
     )
     console = Console(stderr=True, markup=False, emoji=False, highlight=False)
     with Progress(*columns, console=console, transient=True) as bars:
         ids: list[TaskID] = [bars.add_task(clean(label), total=None, told="starting") for label in labels]
 
         def report(index: int, tick: Tick) -> None:
-            bars.update(ids[index], completed=tick.frames, total=tick.total, told=_told(tick))
+            bars.update(ids[index], completed=tick.frames, total=tick.total, told=_rates(tick))
 
         yield report
 
@@ -81,8 +81,12 @@ def _lines(labels: Sequence[str]) -> Report:
 
 
 def _told(tick: Tick) -> str:
-    text = f"{tick.frames:,}/{tick.total:,} frames  success {100 * tick.success_rate:.0f} %"
-    return f"{text}  score {tick.mean_score:.2f}  {clean(tick.note)}".rstrip()
+    return f"{tick.frames:,}/{tick.total:,} frames  {_rates(tick)}"
+
+
+def _rates(tick: Tick) -> str:
+    solved = f"success {100 * tick.success_rate:.0f} %  score {tick.mean_score:.2f}"
+    return f"{solved}  {clean(tick.note)}".rstrip()
 
 
 def _left(passed: float, tick: Tick) -> str:
