@@ -5,7 +5,7 @@ import os
 import queue
 import signal
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing.process import BaseProcess
 from typing import Any
 
@@ -35,6 +35,7 @@ def run_jobs(
 
     Raises:
         PaddlectlError: What went wrong in one of them; the others are stopped and marked interrupted.
+        RuntimeError: With the traceback of a fault that nobody foresaw.
         KeyboardInterrupt: After the running ones were marked interrupted.
     """
     context = multiprocessing.get_context("spawn")
@@ -51,11 +52,11 @@ def run_jobs(
             for index, event in _events(events, running):
                 if isinstance(event, Progress):
                     report(index, event)
-                elif isinstance(event, PaddlectlError):
+                    continue
+                running.pop(index).join()
+                if isinstance(event, Exception):
                     raise event
-                else:
-                    rows[index] = event
-                    running.pop(index).join()
+                rows[index] = event
         return [rows[index] for index in range(len(jobs))]
     finally:
         _stop(running.values())
@@ -77,7 +78,7 @@ def _events(events: Any, running: dict[int, BaseProcess]) -> Iterator[tuple[int,
                 )
 
 
-def _stop(processes: Iterator[BaseProcess] | Any) -> None:
+def _stop(processes: Iterable[BaseProcess]) -> None:
     left = list(processes)
     for process in left:
         process.terminate()

@@ -19,7 +19,7 @@ from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 
-FRAMES = 250_000
+FRAMES = 200_000
 """Most frames of a source's training; it stops earlier when the source is mastered."""
 
 RECENT = 500

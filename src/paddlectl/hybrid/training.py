@@ -10,7 +10,7 @@ from paddlectl.hybrid.policy import HybridPolicy, OwnProgram, task_heads
 from paddlectl.hybrid.rollout import Episode, Rollout
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.logic.clauses import Program
-from paddlectl.tasks.base import Ints, Task
+from paddlectl.tasks.base import Bools, Ints, Task
 
 ON_PATH = 0.05
 """A scene is on a policy's path if at least this share of its episodes come through it."""
@@ -82,11 +82,20 @@ def update_clauses(policy: HybridPolicy, episodes: Sequence[Episode]) -> None:
 
 
 def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Evaluation:
-    """Plays the first `episodes` layouts of `seed`, one a lane; nothing is learned."""
+    """Plays the first `episodes` layouts of `seed`, one a lane; nothing is learned.
+
+    The task may be another than the policy's, of the same domain: its facts are then read in the policy's
+    own vocabulary.
+    """
     environment = task.make(episodes, seed)
     chooser = OwnProgram(policy, np.random.default_rng(seed), policy.settings.sharpness)
     rollout = Rollout(
-        environment, task.horizon, policy.clauses, chooser, [policy.low_level], policy.settings.decisions
+        environment,
+        task.horizon,
+        _Reading(policy, task),
+        chooser,
+        [policy.low_level],
+        policy.settings.decisions,
     )
     buffer = RolloutBuffer.empty(32, episodes, environment.observation_size)
     played: list[Episode] = []
@@ -101,6 +110,22 @@ def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Eval
         policy.program(np.flatnonzero(visits), EXECUTED),
         crispness(policy, visits / episodes),
     )
+
+
+class _Reading:
+    """The scenes of a policy, read off the valuations of any task of its domain.
+
+    A fact that the task knows nothing of doesn't hold.
+    """
+
+    def __init__(self, policy: HybridPolicy, task: Task) -> None:
+        known = task.vocabulary.atoms
+        self._clauses = policy.clauses
+        self._columns = [known.index(atom) if atom in known else len(known) for atom in policy.clauses.atoms]
+
+    def scenes(self, valuation: Bools) -> Ints:
+        padded = np.pad(valuation, ((0, 0), (0, 1)))
+        return self._clauses.scenes(padded[:, self._columns])
 
 
 def scene_visits(episodes: Sequence[Episode], scenes: int) -> Ints:

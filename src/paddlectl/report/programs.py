@@ -14,7 +14,6 @@ from paddlectl.logic.syntax import parse_program
 from paddlectl.logic.templates import scenes
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.report.output import clean
-from paddlectl.tasks.suite import load, names
 
 
 def stored_program(policy: PolicyRecord) -> Program:
@@ -46,23 +45,15 @@ def program_document(policy: PolicyRecord) -> dict[str, Any]:
             }
             for clause, probability in zip(program.clauses, program.probabilities, strict=True)
         ],
-        "minimised": [str(clause) for clause in minimise(program, impossible_scenes(policy.task, program))],
+        "minimised": [str(clause) for clause in minimise(program, unmet_scenes(program))],
     }
 
 
-def impossible_scenes(task: str, program: Program) -> tuple[Body, ...]:
-    """The scenes over the task's vocabulary that its exclusions rule out.
-
-    None if the task is unknown here or its vocabulary isn't the program's, as an older version's may be.
-    """
-    if task not in names():
-        return ()
-    vocabulary = load(task).vocabulary
-    used = {literal.atom for clause in program.clauses for literal in clause.body}
-    if used != set(vocabulary.atoms):
-        return ()
-    possible = set(scenes(vocabulary.atoms, vocabulary.exclusions))
-    return tuple(body for body in scenes(vocabulary.atoms) if body not in possible)
+def unmet_scenes(program: Program) -> tuple[Body, ...]:
+    """The scenes that the program says nothing of: they can't occur in its task, or not on its path."""
+    met = {clause.body for clause in program.clauses}
+    atoms = sorted({literal.atom for body in met for literal in body})
+    return tuple(body for body in scenes(atoms) if body not in met)
 
 
 def program_parts(document: dict[str, Any]) -> list[RenderableType]:
@@ -77,7 +68,7 @@ def program_parts(document: dict[str, Any]) -> list[RenderableType]:
         "Learned, with the probability that each clause is executed:",
         _grid(raw),
         "",
-        "The same in its shortest clauses:",
+        "The same in its shortest clauses, for the scenes that it meets:",
         minimised_grid(document["minimised"]),
     ]
 

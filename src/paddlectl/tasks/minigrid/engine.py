@@ -29,7 +29,7 @@ from paddlectl.tasks.minigrid.grid import (
     outcome_index,
 )
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, Spec, build_grid, draw_layouts
-from paddlectl.tasks.minigrid.observe import OBSERVATION_SIZE, Observer, obstacle_rows
+from paddlectl.tasks.minigrid.observe import OBSERVATION_SIZE, Observer, obstacle_rows, update_rows
 
 _ON_GOAL = int(symbols.Fact.ON_GOAL)
 _POOL = 1024  # layouts drawn at once; independent of the lanes, so the draws are too
@@ -69,11 +69,10 @@ class State:
         for name, values in vars(self).items():
             values[lanes] = getattr(other, name)[chosen]
 
-    def derive(self, lanes: Ints) -> None:
-        """Brings `facts` and `rows` of the lanes in line with their grid."""
-        grid = self.grid[lanes]
-        self.facts[lanes] = symbols.encode(grid, self.where[lanes], self.held[lanes], self.agent[lanes])
-        self.rows[lanes] = obstacle_rows(grid)
+    def write(self, lanes: Ints, cells: Ints, codes: Codes) -> None:
+        """Changes one cell in each of the lanes, their rows with it. [n]"""
+        self.grid[lanes, cells] = codes
+        update_rows(self.rows, lanes, cells, codes)
 
 
 class Engine:
@@ -179,15 +178,17 @@ class Engine:
     def _change(self, lanes: Ints, front: Ints, outcome: Ints) -> None:
         """Lets each lane's effect happen to its cell in front. [n]"""
         state = self.state
-        state.grid[lanes, front] = EFFECT_CODE.take(outcome)
+        state.write(lanes, front, EFFECT_CODE.take(outcome))
         held = EFFECT_HELD.take(outcome)
         state.held[lanes] = held = np.where(held < 0, state.held.take(lanes), held)
         state.where[lanes, EFFECT_ENTERS.take(outcome)] = front
         state.where[lanes, EFFECT_LEAVES.take(outcome)] = ABSENT
         if self.spec.passage is Passage.GAP:
             opened = lanes[held == Held.KEY]
-            state.grid[opened, state.where[opened, Thing.PASSAGE]] = Code.OPEN
-        state.derive(lanes)
+            passage = state.where[opened, Thing.PASSAGE]
+            state.write(opened, passage, np.full(len(opened), Code.OPEN, dtype=np.uint8))
+        where, agent = state.where.take(lanes, axis=0), state.agent.take(lanes)
+        state.facts[lanes] = symbols.encode(state.grid.take(lanes, axis=0), where, held, agent)
 
     def _mark_goal(self) -> None:
         """The one fact that a mere step can change."""

@@ -85,6 +85,7 @@ _PASSAGE = _passage_table()
 _ONE_HOT = _one_hot_table()
 _BITS = ((np.arange(2**_SIDE)[:, None] >> np.arange(_SIDE)) & 1).astype(np.float32)  # lowest bit first
 _ROW_OF, _COLUMN_OF = np.divmod(np.arange(CELLS), WIDTH)
+_COLUMN_BIT: Ints = 1 << (_COLUMN_OF + REACH)
 
 
 def obstacle_rows(grid: Codes) -> Ints:
@@ -100,6 +101,14 @@ def obstacle_rows(grid: Codes) -> Ints:
     return rows
 
 
+def update_rows(rows: Ints, lanes: Ints, cells: Ints, codes: Codes) -> None:
+    """Brings `obstacle_rows` in line with the new code of one cell in each of the lanes. [n]"""
+    places = lanes * ROWS + (_ROW_OF.take(cells) + REACH)
+    bits = _COLUMN_BIT.take(cells)
+    flat = rows.reshape(-1)
+    flat[places] = flat.take(places) & ~bits | bits * ~WALKABLE.take(codes)
+
+
 class Observer:
     """Writes observations of B lanes, with its tables and buffers at hand."""
 
@@ -107,7 +116,8 @@ class Observer:
         self._cells: Ints = np.arange(lanes) * CELLS
         self._rows: Ints = np.arange(lanes) * ROWS
         self._things: Ints = np.arange(lanes) * len(Thing)
-        self._offsets: Ints = np.arange(_SIDE)
+        self._offsets: Ints = np.arange(_SIDE)[:, None]
+        self._window = np.empty((lanes, _SIDE, _SIDE), dtype=np.float32)
 
     def __call__(
         self, grid: Codes, rows: Ints, agent: Ints, facing: Ints, held: Ints, where: Ints, heads: Ints
@@ -127,10 +137,11 @@ class Observer:
             A new array. [B, 81]
         """
         out = np.empty((len(agent), OBSERVATION_SIZE), dtype=np.float32)
-        seen = rows.take((self._rows + _ROW_OF.take(agent))[:, None] + self._offsets)
-        seen >>= _COLUMN_OF.take(agent)[:, None]
+        seen = rows.take(self._rows + _ROW_OF.take(agent) + self._offsets)  # [7, B]: inner loops over lanes
+        seen >>= _COLUMN_OF.take(agent)
         seen &= (1 << _SIDE) - 1
-        out[:, :49] = _BITS.take(seen, axis=0).reshape(-1, _WINDOW)
+        _BITS.take(seen.T, axis=0, out=self._window, mode="clip")
+        out[:, :49] = self._window.reshape(-1, _WINDOW)
 
         target = where.take(self._things + TARGET.take(heads))
         out[:, 49:57] = _RELATIVE.take(agent * (CELLS + 1) + target, axis=0)
