@@ -1,0 +1,203 @@
+"""Decisions and episodes of the scripted corridor, step by step as worked by hand."""
+
+import numpy as np
+import pytest
+
+from paddlectl.hybrid.rollout import Decisions, DecisionSettings, Episode, Rollout
+from paddlectl.learners.clauses import ClauseLearner
+from paddlectl.logic.templates import scenes
+from scripted import (
+    DOMAIN_HEADS,
+    END,
+    FAR,
+    FAR_SCENE,
+    HORIZON,
+    LEFT,
+    MOON,
+    NEAR_SCENE,
+    OTHER,
+    RIGHT,
+    STAY,
+    TASK,
+    TWO,
+    ByScript,
+    Corridor,
+    Teller,
+    block,
+)
+
+SETTINGS = DecisionSettings(max_steps=5, reached_reward=1.0, delay_cost=0.5, failed_reward=-0.1)
+
+
+def rollout(lanes, chooser, *actors, settings=SETTINGS, seed=0):
+    reader = ClauseLearner((FAR,), scenes((FAR,)), TASK.heads, 0)
+    return Rollout(Corridor(lanes, seed), HORIZON, reader, chooser, actors, settings)
+
+
+# The first episode of one lane: head asked for; action; whether the decision ends, has reached; intrinsic
+# reward, 1 - 0.5·k/5 after k steps.
+EPISODE = [
+    (TWO, RIGHT, 0, 0, 0.0),
+    (None, RIGHT, 1, 1, 0.8),  # cell 2 in two steps
+    (MOON, STAY, 1, 0, -0.1),  # holds already: given up after a step
+    (END, RIGHT, 1, 0, -0.1),  # cell 3: another scene
+    (END, STAY, 0, 0, 0.0),
+    (None, STAY, 0, 0, 0.0),
+    (None, STAY, 0, 0, 0.0),
+    (None, STAY, 0, 0, 0.0),
+    (None, STAY, 1, 0, -0.1),  # five steps are the most
+    (END, RIGHT, 0, 0, 0.0),
+    (None, RIGHT, 1, 1, 0.8),  # cell 5: solved in step 11
+    (OTHER, STAY, 1, 0, -0.1),  # the next episode; nothing of this task to act on
+]
+# scene, head, steps, extrinsic reward, reached
+DECIDED = [
+    (NEAR_SCENE, TWO, 2, 0.1, True),
+    (NEAR_SCENE, MOON, 1, 0.0, False),
+    (NEAR_SCENE, END, 1, 0.0, False),
+    (FAR_SCENE, END, 5, 0.0, False),
+    (FAR_SCENE, END, 2, 0.5, True),
+]
+
+
+@pytest.fixture
+def played():
+    heads, actions, *_ = zip(*EPISODE, strict=True)
+    teller = Teller(head for head in heads if head is not None)
+    run = rollout(1, teller, ByScript(*actions))
+    buffer = block(len(EPISODE), 1)
+    return run, teller, buffer, run.collect(buffer)
+
+
+def test_when_decisions_end_and_what_they_pay_the_low_level(played):
+    _, _, buffer, _ = played
+    _, actions, ends, reached, rewards = zip(*EPISODE, strict=True)
+    assert buffer.actions[:, 0].tolist() == list(actions)
+    assert buffer.ends[:, 0].tolist() == list(map(bool, ends))
+    assert buffer.reached[:, 0].tolist() == list(map(bool, reached))
+    assert buffer.rewards[:, 0] == pytest.approx(rewards)
+    assert (buffer.log_probs == -0.5).all()
+    assert not buffer.guides.any()
+
+
+def test_what_the_low_level_sees_is_of_the_decision_then_running(played):
+    _, _, buffer, _ = played
+    places = [0, 1, 2, 2, 3, 3, 3, 3, 3, 3, 4, 0]
+    heads = [TWO, TWO, MOON, *[END] * 8, OTHER]
+    assert buffer.observations[:, 0, 0] == pytest.approx(np.array(places) / 10)
+    assert buffer.observations[:, 0, 2:].argmax(-1).tolist() == heads
+
+
+def test_the_episode_and_its_decisions(played):
+    run, _, _, (episode,) = played
+    assert (episode.order, episode.started, episode.finished, episode.length) == (0, 0, 11, 11)
+    assert episode.score == 0.5
+    assert run.frames == 12
+    decisions = episode.decisions
+    found = zip(*(getattr(decisions, name).tolist() for name in ("scenes", "heads", "steps")), strict=True)
+    assert list(found) == [decided[:3] for decided in DECIDED]
+    assert decisions.rewards == pytest.approx([decided[3] for decided in DECIDED])
+    assert decisions.reached.tolist() == [decided[4] for decided in DECIDED]
+    assert decisions.guides.tolist() == [0] * 5
+
+
+def test_the_chooser_is_asked_when_a_decision_has_ended_and_told_what_came_of_it(played):
+    _, teller, _, _ = played
+    scenes_asked = [NEAR_SCENE] * 3 + [FAR_SCENE] * 2 + [NEAR_SCENE]
+    assert teller.asked == [[(0, scene)] for scene in scenes_asked]
+    told = [(*map(int, (o.scenes[0], o.heads[0], o.steps[0])), o.done[0]) for o in teller.told]
+    assert told[:5] == [(*each[:3], done) for each, done in zip(DECIDED, [False] * 4 + [True], strict=True)]
+    assert [o.next_scenes[0] for o in teller.told[:4]] == [NEAR_SCENE, NEAR_SCENE, FAR_SCENE, FAR_SCENE]
+
+
+def test_returns_are_discounted_by_decision():
+    decisions = Decisions.empty(3)._replace(rewards=np.array([0.1, 0.0, 0.8], np.float32))
+    episode = Episode(0, 0, 9, 0.8, 9, decisions)
+    # 0.8; 0 + 0.5·0.8; 0.1 + 0.5·0.4
+    assert episode.returns(0.5) == pytest.approx([0.3, 0.4, 0.8])
+    assert episode.returns(1.0) == pytest.approx([0.9, 0.8, 0.8])
+
+
+def test_an_episode_that_is_cut_off_ends_its_decision_unreached():
+    teller = Teller([END])
+    buffer = block(HORIZON, 1)
+    (episode,) = rollout(1, teller, ByScript(STAY)).collect(buffer)
+    assert (episode.score, episode.length) == (0.0, HORIZON)
+    assert episode.decisions.steps.tolist() == [5, 5, 2]
+    assert not episode.decisions.reached.any()
+    assert buffer.rewards[-1, 0] == pytest.approx(-0.1)
+    assert [bool(outcome.done[0]) for outcome in teller.told] == [False, False, True]
+
+
+def test_a_scene_that_changes_back_ends_a_decision_too():
+    buffer = block(4, 1)
+    rollout(1, Teller([END]), ByScript(RIGHT, RIGHT, RIGHT, LEFT)).collect(buffer)
+    assert buffer.ends[:, 0].tolist() == [False, False, True, True]
+
+
+# order, started, finished, score, length of all that end within 14 steps of three lanes that walk right;
+# layouts 0, 1, 2 end at cells 5, 6, 7, and so do 3, 4, 5
+WALKS = [
+    (0, 0, 15, 0.5, 5),
+    (1, 0, 18, 0.505, 6),
+    (2, 0, 21, 0.51, 7),
+    (3, 15, 30, 0.515, 5),
+    (4, 18, 36, 0.52, 6),
+    (5, 21, 42, 0.525, 7),
+]
+
+
+@pytest.mark.parametrize("blocks", [[14], [7, 7], [4, 4, 6], [1] * 14])
+def test_episodes_are_ordered_by_their_start_whatever_the_blocks(blocks):
+    run = rollout(3, Teller([END]), ByScript(RIGHT))
+    episodes = [episode for steps in blocks for episode in run.collect(block(steps, 3))]
+    assert [episode[:5] for episode in episodes] == [
+        (order, started, finished, pytest.approx(score), length)
+        for order, started, finished, score, length in WALKS
+    ]
+    for episode in episodes:
+        decisions = episode.decisions
+        assert decisions.scenes.tolist() == [NEAR_SCENE, FAR_SCENE]
+        assert decisions.steps.tolist() == [3, episode.length - 3]
+        assert decisions.reached.tolist() == [False, True]
+        # the milestone of cell 2 falls into the first decision of each episode, not only of the first
+        assert decisions.rewards == pytest.approx([0.1, episode.score])
+
+
+def test_lanes_that_end_together_start_in_their_order():
+    run = rollout(4, Teller([END]), ByScript(RIGHT))
+    episodes = run.collect(block(12, 4))
+    assert [(e.order, e.finished) for e in episodes if e.finished == 20] == [(0, 20), (3, 20)]
+    # lane 0 draws layout 4 then, and lane 3 layout 5: eleven and twelve steps after the start
+    assert [(e.order, e.started, e.finished) for e in episodes if e.started == 20] == [
+        (4, 20, 44),
+        (5, 20, 48),
+    ]
+
+
+def test_only_lanes_without_a_decision_are_asked_for():
+    teller = Teller([END])
+    rollout(3, teller, ByScript(RIGHT)).collect(block(7, 3))
+    every = [(lane, NEAR_SCENE) for lane in range(3)]
+    far = [(lane, FAR_SCENE) for lane in range(3)]
+    assert teller.asked == [every, far, [(0, NEAR_SCENE)], [(1, NEAR_SCENE)]]
+
+
+def test_each_lane_is_moved_by_its_guide():
+    teller = Teller([END], guides=(0, 2, 1, 2))
+    own, one, two = ByScript(RIGHT), ByScript(STAY), ByScript(RIGHT, STAY)
+    buffer = block(3, 4)
+    run = rollout(4, teller, own, one, two)
+    run.collect(buffer)
+    assert buffer.guides.tolist() == [[0, 2, 1, 2]] * 3
+    assert run.environment.place.tolist() == [3, 1, 0, 1]
+    assert [len(seen) for seen in (own.seen[0], one.seen[0], two.seen[0])] == [1, 1, 2]
+    assert two.seen[0][:, 1].tolist() == [1, 0], "the observations of lanes 1 and 3"
+
+
+def test_the_last_observations_are_what_comes_after_the_block():
+    buffer = block(2, 2)
+    rollout(2, Teller([END]), ByScript(RIGHT)).collect(buffer)
+    assert buffer.last_observations[:, 0] == pytest.approx([0.2, 0.2])
+    assert buffer.last_observations[:, 2:].argmax(-1).tolist() == [END, END]
+    assert len(DOMAIN_HEADS) == buffer.last_observations.shape[1] - 2

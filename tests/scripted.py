@@ -1,0 +1,128 @@
+"""A corridor whose every step can be worked by hand, as a task of the house, and actors that follow a script."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from paddlectl.learners.buffers import RolloutBuffer
+from paddlectl.logic.atoms import Predicate
+from paddlectl.tasks.base import Step, Task, Vocabulary
+
+LEFT, STAY, RIGHT = range(3)
+FAR = Predicate("far", 0)()
+GT_OTHER, GT_TWO, GT_END, GT_MOON = (
+    Predicate(name, 0)() for name in ("gt_other", "gt_two", "gt_end", "gt_moon")
+)
+DOMAIN_HEADS = (GT_OTHER, GT_TWO, GT_END, GT_MOON)
+OTHER, TWO, END, MOON = range(4)
+HORIZON = 12
+NEAR_SCENE, FAR_SCENE = range(2)
+
+
+class Corridor:
+    """Cells 0, 1, 2, … The scene turns far at cell 3; the end, at cell 5, 6 or 7, solves the episode.
+
+    Layout n ends at cell 5 + n % 3 and scores 0.5 + (n % 100) / 200; no one gets to the end of layout
+    9, 19, 29, … Cell 2 pays 0.1, once an episode. `gt_moon` holds always, so it is never available.
+    Layouts are numbered 1000·seed, 1000·seed + 1, …, in the order of being drawn.
+    """
+
+    observation_size = 2 + len(DOMAIN_HEADS)
+    actions = 3
+
+    def __init__(self, lanes: int, seed: int) -> None:
+        self.lanes = lanes
+        self._next = 1000 * seed
+        self.layout, self.place, self.age = np.zeros((3, lanes), np.intp)
+        self.paid = np.zeros(lanes, np.bool_)
+        self.reset()
+
+    def reset(self, lanes=None):
+        chosen = np.flatnonzero(np.ones(self.lanes, np.bool_) if lanes is None else lanes)
+        self.layout[chosen] = self._next + np.arange(len(chosen))
+        self._next += len(chosen)
+        self.place[chosen] = 0
+        self.age[chosen] = 0
+        self.paid[chosen] = False
+
+    def step(self, actions):
+        self.place = np.maximum(self.place + actions - STAY, 0)
+        self.age += 1
+        solved = self._at_end()
+        milestone = (self.place == 2) & ~self.paid
+        self.paid |= milestone
+        score = np.where(solved, 0.5 + (self.layout % 100) / 200, 0.0).astype(np.float32)
+        return Step(0.1 * milestone + score, score, solved, (self.age >= HORIZON) & ~solved)
+
+    def _at_end(self):
+        return (self.place == 5 + self.layout % 3) & (self.layout % 10 != 9)
+
+    def valuation(self):
+        return (self.place >= 3)[:, None]
+
+    def observe(self, heads):
+        return np.column_stack([self.place / 10, self.layout % 3, np.eye(4)[heads]]).astype(np.float32)
+
+    def reached(self, heads):
+        places = {TWO: self.place == 2, END: self._at_end(), MOON: np.ones(self.lanes, np.bool_)}
+        return np.array([head in places and places[head][lane] for lane, head in enumerate(heads)])
+
+    def available(self, heads):
+        return ~self.reached(heads) & (np.asarray(heads) != OTHER)
+
+
+TASK = Task(
+    name="Corridor",
+    domain="scripted",
+    summary="get to the end",
+    horizon=HORIZON,
+    vocabulary=Vocabulary((FAR,)),
+    heads=(GT_END, GT_TWO, GT_MOON),
+    domain_heads=DOMAIN_HEADS,
+    make=Corridor,
+)
+
+
+class ByScript:
+    """Every lane does the same: these actions, one a step, then the last for ever."""
+
+    def __init__(self, *actions: int) -> None:
+        self._actions = list(actions)
+        self.seen: list[np.ndarray] = []
+
+    def act(self, observations):
+        self.seen.append(observations.copy())
+        action = self._actions[min(len(self.seen), len(self._actions)) - 1]
+        return np.full(len(observations), action), np.full(len(observations), -0.5, np.float32)
+
+    def update(self, buffer):
+        return {}
+
+    def state(self):
+        return {}
+
+    def load(self, state):
+        pass
+
+
+class Teller:
+    """A chooser that gives these heads in turn, the last for ever, and remembers what it was told."""
+
+    def __init__(self, heads: Iterable[int], guides: Sequence[int] = (0,)) -> None:
+        self._heads = list(heads)
+        self._guides = guides
+        self.asked: list[list[tuple[int, int]]] = []
+        self.told: list = []
+
+    def choose(self, lanes, scenes):
+        self.asked.append(list(zip(lanes.tolist(), scenes.tolist(), strict=True)))
+        head = self._heads[min(len(self.asked), len(self._heads)) - 1]
+        guides = np.array([self._guides[lane % len(self._guides)] for lane in lanes])
+        return guides, np.full(len(lanes), head)
+
+    def decided(self, outcome):
+        self.told.append(outcome)
+
+
+def block(steps: int, lanes: int) -> RolloutBuffer:
+    return RolloutBuffer.empty(steps, lanes, Corridor.observation_size)
