@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from paddlectl.tasks.minigrid.engine import Engine
+from paddlectl.tasks.minigrid.engine import Engine, State
 from paddlectl.tasks.minigrid.grid import Action, Held
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, draw_layouts
 from pictures import draw, parse
@@ -167,3 +167,15 @@ def test_the_pool_of_layouts_is_refilled():
         engine.reset()
         seen.append(engine.state.where.copy())
     assert len(np.unique(np.concatenate(seen), axis=0)) > 2700
+
+
+@pytest.mark.parametrize("task", SPECS)
+def test_facts_and_rows_follow_the_grid(task):
+    engine, rng = Engine(SPECS[task], 256, 0), np.random.default_rng(0)
+    for _ in range(400):
+        step = engine.step(rng.integers(7, size=256))
+        state = engine.state
+        anew = State(state.grid, state.agent, state.facing, state.held, state.where)
+        np.testing.assert_array_equal(state.facts, anew.facts)
+        np.testing.assert_array_equal(state.rows, anew.rows)
+        engine.reset(step.terminated | step.truncated)
