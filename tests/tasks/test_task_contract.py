@@ -14,6 +14,7 @@ from planner import World, shortest_plan
 
 LANES = 64
 TASKS = pytest.mark.parametrize("name", suite.names())
+MINIGRID = pytest.mark.parametrize("name", SPECS)  # those that the planner can plan
 
 
 @cache
@@ -83,7 +84,7 @@ def test_observations_are_finite_and_new_each_time(name):
     heads = len(suite.load(name).domain_heads)
     for i, (env, _, _) in enumerate(play(name)):
         seen = env.observe(np.arange(LANES) % heads)
-        assert np.abs(seen).max() <= 1
+        assert np.isfinite(seen).all()
         if i == 0:
             first, kept = seen, seen.copy()
     np.testing.assert_array_equal(first, kept)
@@ -101,7 +102,7 @@ def test_encoder_stays_within_the_consistent_scenes(name):
     assert bodies <= allowed
 
 
-@TASKS
+@MINIGRID
 def test_every_head_can_be_reached(name):
     """A head counts once a step turns `available` into `reached`."""
     task = suite.load(name)
@@ -132,7 +133,7 @@ def test_a_head_that_holds_is_not_available(name):
         assert not any((env.available(heads_of(env, h)) & env.reached(heads_of(env, h))).any() for h in heads)
 
 
-@TASKS
+@MINIGRID
 def test_rewards_keep_their_bounds(name):
     task = suite.load(name)
     age, milestones = np.zeros(LANES), np.zeros(LANES)
@@ -150,7 +151,7 @@ def test_rewards_keep_their_bounds(name):
         age[done], milestones[done] = 0, 0
 
 
-@TASKS
+@MINIGRID
 def test_a_finished_lane_rests(name):
     layouts, plans = planned(name, LANES)
     env = suite.load(name).make(LANES, 0)
@@ -188,7 +189,7 @@ def test_equal_seeds_give_equal_trajectories(name):
     assert trace(3, 0) != trace(4, 0)
 
 
-@TASKS
+@MINIGRID
 def test_every_drawn_layout_can_be_solved(name):
     """500 shortest plans, each of which the engine confirms: solved in its last step, not before."""
     layouts, plans = planned(name, 500)
@@ -216,7 +217,7 @@ def test_plans_are_as_short_as_breadth_first_search_finds(name):
         assert len(plans[lane]) == depth
 
 
-@TASKS
+@MINIGRID
 def test_starts_are_spread_over_the_rooms(name):
     where = draw_layouts(SPECS[name], np.random.default_rng(0), 4000)
     passages, counts = np.unique(where.where[:, 7], return_counts=True)
