@@ -1,0 +1,349 @@
+"""Algorithm 2 on scripted outcomes: who may lead, what is recorded, who leads then."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from paddlectl.hybrid import training
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.hybrid.rollout import Outcome
+from paddlectl.learners.buffers import TARGET
+from paddlectl.learners.clauses import ClauseSettings
+from paddlectl.learners.ppo import PPO, PPOSettings
+from paddlectl.logic.clauses import Scene, scenes_of
+from paddlectl.logic.syntax import parse_program
+from paddlectl.transfer import paddle
+from paddlectl.transfer.guidance import GuidanceSettings
+from paddlectl.transfer.similarity import map_scenes
+from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, TASK, TWO, ByScript, Corridor
+
+NEVER = -np.inf
+SMALL = HybridSettings(lanes=4, block=16, low_level=PPOSettings(epochs=1))
+
+# Four scenes; lit() is an atom that the target hasn't.
+LAMP = """
+0.9 :: gt_two() :- !far(), lit()
+0.8 :: gt_end() :- !far(), !lit()
+0.6 :: gt_end() :- far()
+0.2 :: gt_two() :- far()
+"""
+WALK = "1.0 :: gt_end() :- far()"
+
+
+def target(seed=0, settings=SMALL):
+    return HybridPolicy(TASK, seed, settings)
+
+
+def sources(*programs, actor=None):
+    return [
+        paddle.Source(f"policy-{number}", f"Task{number}", parse_program(text), actor or ByScript(RIGHT))
+        for number, text in enumerate(programs, start=1)
+    ]
+
+
+def candidates(policy, given, sharpness=1.0):
+    bodies = policy.clauses.bodies
+    scenes = [Scene(body, frozenset(TASK.heads)) for body in bodies]
+    mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in given})
+    return paddle.candidates_of(TASK, bodies, given, mapping, sharpness)
+
+
+def test_every_scene_that_is_a_best_match_is_a_candidate():
+    made = candidates(target(), sources(LAMP, WALK))
+    assert made.guides.tolist() == [TARGET, 1, 1, 1, 2]
+    # body 1 of 1 and heads 1 of 3: 0.8 + 0.2/3 = 13/15; heads 2 of 3: 14/15; the head alone: 1/15
+    near = [13 / 15, 13 / 15, 13 / 15, NEVER, 1 / 15]
+    far = [14 / 15, NEVER, NEVER, 14 / 15, 13 / 15]
+    assert made.similarity == pytest.approx(np.array([near, far]))
+    assert made.heads[1:].argmax(-1).tolist() == [TWO, END, END, END]
+
+
+def test_a_candidate_plays_its_scenes_distribution_sharpened():
+    soft = candidates(target(), sources(LAMP))
+    assert soft.heads[3] == pytest.approx([0.0, 0.25, 0.75, 0.0])
+    sharp = candidates(target(), sources(LAMP), sharpness=2.0)
+    assert sharp.heads[3] == pytest.approx([0.0, 0.1, 0.9, 0.0])
+    assert soft.heads[1:].sum(-1) == pytest.approx(np.ones(3))
+    entropy = -0.75 * math.log(0.75) - 0.25 * math.log(0.25)  # of the program, sharpened or not
+    for made in (soft, sharp):
+        assert made.entropy == pytest.approx([0.0, 0.0, 0.0, entropy])
+
+
+def test_a_source_without_clauses_is_no_candidate():
+    made = candidates(target(), sources("", WALK))
+    assert made.guides.tolist() == [TARGET, 2]
+    assert candidates(target(), sources("")).guides.tolist() == [TARGET]
+
+
+def test_heads_that_the_target_lacks_can_be_led_to():
+    made = candidates(target(), sources("1.0 :: gt_other() :- far()"))
+    assert made.heads[1].tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert made.similarity[FAR_SCENE, 1] == pytest.approx(0.8)
+
+
+def one_of_each(mode, policy, given, lanes=1, seed=0):
+    made = candidates(policy, given)
+    rng = np.random.default_rng(seed)
+    chooser = (
+        paddle.PaperGuides(policy, made, lanes, rng)
+        if mode == "paper"
+        else paddle.PlannedGuides(policy, made, lanes, rng, GuidanceSettings())
+    )
+    chooser.refresh()
+    return chooser
+
+
+def decide(chooser, scene, lane=0):
+    guides, heads = chooser.choose(np.array([lane]), np.array([scene]))
+    return int(guides[0]), int(heads[0])
+
+
+def tell(chooser, scene, head, reward, following=None, reached=False, lane=0):
+    """What came of the lane's decision; the episode is over if nothing follows."""
+    chooser.decided(
+        Outcome(
+            lanes=np.array([lane]),
+            scenes=np.array([scene]),
+            heads=np.array([head]),
+            steps=np.array([3]),
+            rewards=np.array([reward], np.float32),
+            reached=np.array([reached]),
+            done=np.array([following is None]),
+            next_scenes=np.array([NEAR_SCENE if following is None else following]),
+        )
+    )
+
+
+def play(chooser, steps, lane=0):
+    """An episode of (scene, reward) decisions; gives the guides that led."""
+    led = []
+    for number, (scene, reward) in enumerate(steps):
+        guide, head = decide(chooser, scene, lane)
+        following = steps[number + 1][0] if number + 1 < len(steps) else None
+        tell(chooser, scene, head, reward, following, lane=lane)
+        led.append(guide)
+    return led
+
+
+def test_paper_records_the_discounted_return_of_every_decision():
+    """Algorithm 2, line 18, with γ = 0.5: rewards 0, 0.2, 0.8 give returns 0.3, 0.6, 0.8."""
+    policy = target(settings=HybridSettings(clauses=ClauseSettings(discount=0.5)))
+    chooser = one_of_each("paper", policy, sources("1.0 :: gt_two() :- !far()\n1.0 :: gt_end() :- far()"))
+    before = chooser.weigh()
+    assert (before.performance == 1.0).all(), "a constant before the first sample"
+    # of the source and the target, which tie at ψ + 1, the source leads everywhere
+    assert play(chooser, [(NEAR_SCENE, 0.0), (FAR_SCENE, 0.2), (NEAR_SCENE, 0.8)]) == [1, 1, 1]
+    after = chooser.weigh()
+    # near: the mean of 0.3 and 0.8; far: 0.6; candidate 1 is its near scene, 2 the far one
+    expected = np.ones((2, 3))
+    expected[NEAR_SCENE, 1], expected[FAR_SCENE, 2] = 0.55, 0.6
+    assert after.performance == pytest.approx(expected)
+    finite = np.isfinite(after.similarity)
+    assert after.weight[finite] == pytest.approx((after.similarity + after.performance)[finite])
+    assert (after.weight[~finite] == NEVER).all()
+
+
+def test_paper_keeps_lanes_apart_and_counts_finished_episodes_only():
+    policy = target(settings=HybridSettings(clauses=ClauseSettings(discount=0.5)))
+    chooser = one_of_each("paper", policy, sources("1.0 :: gt_end() :- far()"), lanes=2)
+    _, head = decide(chooser, FAR_SCENE, lane=0)
+    decide(chooser, FAR_SCENE, lane=1)
+    tell(chooser, FAR_SCENE, head, 0.3, following=FAR_SCENE, lane=0)
+    assert chooser.weigh().performance[FAR_SCENE, 1] == 1.0
+    tell(chooser, FAR_SCENE, head, 0.5, lane=1)
+    assert chooser.weigh().performance[FAR_SCENE, 1] == pytest.approx(0.5)
+    assert decide(chooser, FAR_SCENE, lane=0)[0] == TARGET
+    tell(chooser, FAR_SCENE, head, 0.1, lane=0)
+    # the target: 0.1; the source: the mean of 0.5 and 0.3 + 0.5·0.1
+    assert chooser.weigh().performance[FAR_SCENE] == pytest.approx([0.1, 0.425])
+
+
+def test_paper_turns_to_the_target_when_it_is_worth_more():
+    chooser = one_of_each("paper", target(), sources("1.0 :: gt_end() :- far()"))
+    assert play(chooser, [(FAR_SCENE, 0.4)]) == [1]
+    # ψ + 0.4 against the target's ψ + 1, which then earns 0.1 and loses its place again
+    assert play(chooser, [(FAR_SCENE, 0.1)]) == [TARGET]
+    assert play(chooser, [(FAR_SCENE, 0.4)]) == [1]
+
+
+def test_the_exploration_bonus_of_the_target_is_its_own_entropy():
+    policy = target()
+    with torch.no_grad():
+        policy.clauses.weights.zero_()
+    chooser = one_of_each("paper", policy, sources(WALK))
+    play(chooser, [(FAR_SCENE, 0.4)])
+    assert play(chooser, [(FAR_SCENE, -0.04)]) == [TARGET]
+    # -0.04 + 0.04·ln 3
+    assert chooser.weigh().performance[FAR_SCENE, TARGET] == pytest.approx(0.04 * (math.log(3) - 1))
+
+
+def last_guides(chooser, worth, scene=FAR_SCENE, episodes=150, last=50):
+    """Who led the last of many one-decision episodes, in which guide g earns worth[g]."""
+    led = []
+    for _ in range(episodes):
+        guide, head = decide(chooser, scene)
+        earned = worth.get(guide, 0.0)
+        tell(chooser, scene, head, earned, reached=earned > 0)
+        led.append(guide)
+    return led[0], np.bincount(led[-last:], minlength=3) / last
+
+
+def test_a_source_that_always_fails_is_dropped_and_the_target_explores():
+    first, shares = last_guides(one_of_each("default", target(), sources(WALK)), {})
+    assert first == 1
+    assert shares[TARGET] >= 0.9
+
+
+def test_where_no_source_helps_the_target_explores():
+    first, shares = last_guides(one_of_each("default", target(), sources(WALK, LAMP)), {})
+    assert first != TARGET
+    assert shares[TARGET] >= 0.9
+
+
+def test_a_source_that_helps_is_kept():
+    for worth in ({1: 0.9}, {1: 0.5}):
+        _, shares = last_guides(one_of_each("default", target(), sources(WALK)), worth)
+        assert shares[1] >= 0.8
+
+
+def test_the_better_source_leads_whatever_its_similarity():
+    _, shares = last_guides(one_of_each("default", target(), sources(WALK, LAMP)), {1: 0.8, 2: 0.1})
+    assert shares[1] >= 0.8
+
+
+def test_the_target_takes_over_where_it_is_better():
+    _, shares = last_guides(
+        one_of_each("default", target(), sources(WALK)), {TARGET: 0.9, 1: 0.3}, episodes=600
+    )
+    assert shares[TARGET] >= 0.9
+
+
+def test_a_guide_that_was_in_vain_is_not_asked_again_in_this_episode():
+    """Two sources match alike; the first to be asked fails, and the episode stays where it was."""
+    first_again = 0
+    for seed in range(40):
+        chooser = one_of_each("default", target(), sources(WALK, "1.0 :: gt_two() :- far()"), seed=seed)
+        guide, head = decide(chooser, FAR_SCENE)
+        tell(chooser, FAR_SCENE, head, 0.0, following=FAR_SCENE)
+        first_again += decide(chooser, FAR_SCENE)[0] == guide
+    assert first_again <= 4
+
+
+def test_the_next_episode_forgives():
+    """A source that is worth a lot is asked first, though its last decision of the last episode failed."""
+    chooser = one_of_each("default", target(), sources(WALK))
+    last_guides(chooser, {1: 0.9}, episodes=30)
+    asked = 0
+    for _ in range(10):
+        guide, head = decide(chooser, FAR_SCENE)
+        asked += guide == 1
+        tell(chooser, FAR_SCENE, head, 0.0, following=FAR_SCENE)
+        _, head = decide(chooser, FAR_SCENE)
+        tell(chooser, FAR_SCENE, head, 0.9, reached=True)
+    assert asked >= 8
+
+
+def test_two_sources_that_undo_each_other_are_seen_through():
+    """Source 1 gets from near to far and from far to the end; source 2, better matched, leads back."""
+    on = "1.0 :: gt_end() :- !far()\n1.0 :: gt_end() :- far()"
+    back = "0.5 :: gt_two() :- far()\n0.5 :: gt_moon() :- far()"
+    chooser = one_of_each("default", target(), sources(on, back))
+    decisions = []
+    for _ in range(80):
+        scene, count, score = NEAR_SCENE, 0, 0.0
+        while score == 0.0 and count < 12:
+            guide, head = decide(chooser, scene)
+            count += 1
+            following = scene
+            if guide == 1 and scene == FAR_SCENE:
+                score = 0.9
+            elif guide == 1:
+                following = FAR_SCENE
+            elif guide == 2:
+                following = NEAR_SCENE
+            over = score > 0 or count == 12
+            tell(chooser, scene, head, score, None if over else following, reached=guide > 0)
+            scene = following
+        decisions.append(count)
+    assert np.mean(decisions[-40:]) <= 3.5
+
+
+@pytest.mark.parametrize("mode", ["paper", "default"])
+def test_the_account_of_what_was_decided(mode):
+    chooser = one_of_each(mode, target(), sources(WALK), lanes=2)
+    guides, heads = chooser.choose(np.array([0, 1]), np.array([FAR_SCENE, NEAR_SCENE]))
+    tell(chooser, FAR_SCENE, heads[0], 0.1, following=NEAR_SCENE, reached=True, lane=0)
+    tell(chooser, NEAR_SCENE, heads[1], 0.0, lane=1)
+    guide, head = decide(chooser, NEAR_SCENE, lane=0)
+    tell(chooser, NEAR_SCENE, head, 0.0, lane=0)
+    short, long = chooser.traces
+    assert [(d.scene, d.head, d.reached, d.steps) for d in short] == [(NEAR_SCENE, heads[1], False, 3)]
+    assert [(d.scene, d.reached) for d in long] == [(FAR_SCENE, True), (NEAR_SCENE, False)]
+    assert [chooser.candidates.guides[d.candidate] for d in long] == [guides[0], guide]
+    assert (chooser.decisions.sum(), chooser.chosen.sum(), chooser.reached.sum()) == (3, 3, 1)
+    chooser.clear()
+    assert (chooser.traces, chooser.decisions.sum(), chooser.chosen.sum()) == ([], 0, 0)
+
+
+def learn(mode, seed, actor=None, frames=640):
+    policy = target(seed)
+    given = sources("1.0 :: gt_end() :- !far()\n1.0 :: gt_end() :- far()", actor=actor)
+    chooser = one_of_each(mode, policy, given, lanes=SMALL.lanes, seed=seed)
+    rounds = list(paddle.learn(policy, given, chooser, seed, frames))
+    episodes = [(*e[:5], *(c.tolist() for c in e.decisions)) for r in rounds for e in r.episodes]
+    return policy.state(), rounds, episodes
+
+
+@pytest.mark.parametrize("mode", ["paper", "default"])
+def test_a_transfer_is_a_function_of_its_seed(mode):
+    state, rounds, episodes = learn(mode, 3)
+    torch.manual_seed(99)
+    same_state, _, same_episodes = learn(mode, 3)
+    assert episodes == same_episodes
+    assert all(torch.equal(state[name], same_state[name]) for name in state)
+    assert learn(mode, 4)[2] != episodes
+    assert [r.frames for r in rounds] == list(range(64, 641, 64))
+
+
+@pytest.mark.parametrize("mode", ["paper", "default"])
+def test_sources_stay_as_they_are(mode):
+    actor = PPO(Corridor.observation_size, Corridor.actions, 8)
+    before = {name: tensor.clone() for name, tensor in actor.state().items()}
+    learn(mode, 0, actor=actor, frames=256)
+    assert all(torch.equal(before[name], tensor) for name, tensor in actor.state().items())
+
+
+def test_a_good_source_gives_a_jump_start_and_its_skill_is_learned():
+    state, rounds, _ = learn("default", 0, frames=1600)
+    early = sorted((e for r in rounds for e in r.episodes), key=lambda e: e.order)[:20]
+    # nobody solves every tenth layout
+    assert np.mean([e.score > 0 for e in early]) >= 0.7
+    taught = target()
+    taught.load(state)
+    assert taught.clauses.probabilities()[:, TASK.heads.index(TASK.domain_heads[END])].min() > 0.6
+    alone = training.evaluate(taught, TASK, 20, 7)
+    untaught = training.evaluate(target(), TASK, 20, 7)
+    assert alone.success_rate > untaught.success_rate
+
+
+def test_evaluation_never_plays_the_layouts_that_were_trained_on():
+    """Whatever the seeds: a user may well give the same one to `transfer` and `evaluate`."""
+    made = []
+
+    def make(lanes, seed):
+        made.append(seed)
+        return Corridor(lanes, 0)
+
+    policy = HybridPolicy(replace(TASK, make=make), 0, SMALL)
+    made.clear()
+    given = sources(WALK)
+    chooser = one_of_each("paper", policy, given, lanes=SMALL.lanes)
+    list(paddle.learn(policy, given, chooser, 5, 64))
+    trained_on = set(made)
+    made.clear()
+    training.evaluate(policy, policy.task, 4, 5)
+    assert trained_on
+    assert trained_on.isdisjoint(made)
