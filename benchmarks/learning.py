@@ -1,0 +1,266 @@
+"""Sources, scratch and transfer, learned as a user would learn them and measured; writes a JSON result.
+
+Every run goes through `experiments.processes.run_jobs`, which `paddlectl train` and `transfer` call, two
+processes at a time. The parts can be run one after the other; each is merged into the result file:
+
+    python benchmarks/learning.py --parts sources
+    python benchmarks/learning.py --parts paddle hdm --scenarios A B --seeds 0 1 2 --frames 400000
+
+A transfer takes the best policy of each source, as `paddlectl transfer` does.
+"""
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from readme_table import tables
+
+from paddlectl.errors import PaddlectlError
+from paddlectl.experiments.jobs import Job, Progress, TrainJob, TransferJob
+from paddlectl.registry.records import RunRecord
+from paddlectl.registry.store import Registry
+from paddlectl.scenario import load_scenario
+
+HERE = Path(__file__).parent
+SOURCES = ("BlockedDoor", "GapBall", "DoorBall", "OpenGoal", "BoxDoor")
+PARTS = ("sources", "paddle", "hdm")
+BARS = (0.9, 0.97)
+FIRST = 200
+Result = dict[str, Any]
+
+
+def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
+    """What is to be run; `hdm`, which uses no source, once for each target.
+
+    Raises:
+        NotFoundError: If a source that a transfer needs has no policy yet.
+    """
+    if "sources" in options.parts:
+        yield from (TrainJob(task, seed, options.frames) for task in options.tasks for seed in options.seeds)
+    scratch = set()
+    for name in options.scenarios if set(options.parts) & {"paddle", "hdm"} else ():
+        scenario = load_scenario(HERE.parent / "scenarios" / f"{name}.yaml")
+        frames = options.frames or scenario.frames
+        for seed in options.seeds:
+            if "paddle" in options.parts:
+                sources = tuple(registry.policy(task).id for task in scenario.sources)
+                yield TransferJob(scenario, sources, "paddle", seed, frames)
+            if "hdm" in options.parts and (scenario.target, seed) not in scratch:
+                scratch.add((scenario.target, seed))
+                yield TransferJob(scenario, (), "hdm", seed, frames)
+
+
+def run(jobs: Sequence[Job], registry: str, workers: int) -> None:
+    """Does the jobs; tells on stderr how far each one is, a line for every tenth of it."""
+    from paddlectl.experiments.processes import run_jobs
+
+    told: dict[int, int] = {}
+
+    def report(index: int, progress: Progress) -> None:
+        tenth = 10 * progress.frames // progress.total
+        if told.get(index) != tenth:
+            told[index] = tenth
+            print(f"{_name(jobs[index])}: {_told(progress)}", file=sys.stderr)
+
+    run_jobs(jobs, registry, report, workers)
+
+
+def _name(job: Job) -> str:
+    what = job.task if isinstance(job, TrainJob) else f"{job.scenario.name} {job.method}"
+    return f"{what} seed {job.seed}"
+
+
+def _told(progress: Progress) -> str:
+    return f"{progress.frames:,} frames, success {progress.success_rate:.2f}, score {progress.mean_score:.3f}"
+
+
+def key_of(record: RunRecord) -> str:
+    """`source BoxDoor seed 0`, `paddle A BlockedBoxUnlockPickup seed 0`, `hdm BlockedBoxUnlockPickup ...`."""
+    if record.kind == "train":
+        return f"source {record.task} seed {record.seed}"
+    scenario = f" {record.scenario}" if record.method == "paddle" else ""
+    return f"{record.method}{scenario} {record.task} seed {record.seed}"
+
+
+def figures(registry: Registry, record: RunRecord, shortest: float) -> Result:
+    """All figures of a finished run, from the registry alone."""
+    from paddlectl.experiments.log import curve_figures
+    from paddlectl.hybrid.rollout import Decisions, Episode
+
+    rows = registry.read_rows(record.id, "episodes")
+    none = Decisions.empty(0)
+    episodes = [
+        Episode(row["order"], row["started"], row["frames"], row["score"], row["length"], none)
+        for row in rows
+    ]
+    progress = registry.read_rows(record.id, "progress")
+    policy = registry.policy(record.policy or "")
+    curve = curve_figures(episodes, record.frames)
+    in_order = _whole_prefix(rows)
+    return {
+        "kind": "source" if record.kind == "train" else "transfer",
+        "task": record.task,
+        "method": record.method,
+        "scenario": record.scenario if record.method == "paddle" else None,
+        "guidance": record.settings["scenario"]["guidance"]["mode"] if record.method == "paddle" else None,
+        "seed": record.seed,
+        "frames": record.frames,
+        "episodes": record.episodes,
+        "seconds": record.seconds,
+        "unseen_layouts": {
+            "success": policy.success_rate,
+            "mean_score": policy.mean_score,
+            "mean_length": policy.mean_length,
+            "shortest_mean_length": shortest,
+            "length_ratio": policy.mean_length / shortest,
+        },
+        "crispness": policy.crispness,
+        "jump_start": _mean_of_first(100, "score", in_order),
+        f"success_first_{FIRST}": _mean_of_first(FIRST, "success", in_order),
+        "final_score": curve["final_score"],
+        "final_success": curve["success_rate"],
+        "area_under_curve": curve["area_under_curve"],
+        "to_success": {str(bar): _reached(in_order, progress, bar) for bar in BARS},
+        "finished": record.finished,
+    }
+
+
+def _whole_prefix(rows: Iterable[Result]) -> list[Result]:
+    """Episodes in the order in which they started, up to the first that the run's end cut off."""
+    ordered = sorted(rows, key=lambda row: row["order"])
+    return [row for place, row in enumerate(ordered) if row["order"] == place]
+
+
+def _mean_of_first(count: int, field: str, episodes: Sequence[Result]) -> float | None:
+    """Over the first so many episodes started; None if they hadn't all ended."""
+    return float(np.mean([row[field] for row in episodes[:count]])) if len(episodes) >= count else None
+
+
+def _reached(episodes: Sequence[Result], progress: Sequence[Result], bar: float) -> Result | None:
+    """When 100 episodes that started one after another had all ended, this share of them solved.
+
+    Counted by their start: those that end early are the lucky ones.
+    """
+    if len(episodes) < 100:
+        return None
+    windows = np.lib.stride_tricks.sliding_window_view
+    success = windows([row["success"] for row in episodes], 100).mean(-1)
+    ended = windows([row["frames"] for row in episodes], 100).max(-1)
+    if not (success >= bar).any():
+        return None
+    frames = int(ended[success >= bar].min())
+    seconds = next((row["seconds"] for row in progress if row["frames"] >= frames), None)
+    return {"frames": frames, "seconds": seconds}
+
+
+def shortest_mean_length(task: str) -> Result:
+    """Mean length of the shortest plans on the very layouts that policies are evaluated on."""
+    from paddlectl.experiments.sources import EVALUATION_EPISODES, EVALUATION_SEED
+    from paddlectl.tasks import suite
+    from paddlectl.tasks.minigrid.layouts import SPECS, Layouts
+
+    sys.path.append(str(HERE.parent / "tests"))
+    from planner import shortest_plan
+
+    state = suite.load(task).make(EVALUATION_EPISODES, EVALUATION_SEED).state
+    layouts = Layouts(state.agent, state.facing, state.where)
+    lengths = [len(shortest_plan(SPECS[task], layouts, lane)) for lane in range(EVALUATION_EPISODES)]
+    return {"layouts": len(lengths), "seed": EVALUATION_SEED, "mean_length": float(np.mean(lengths))}
+
+
+def machine() -> Result:
+    cpus = Path("/proc/cpuinfo")
+    lines = cpus.read_text().splitlines() if cpus.exists() else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return {
+        "cpu": models[0] if models else platform.processor(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+    }
+
+
+def commit() -> str | None:
+    """The commit of the code, with a `+` if files of the package were changed since."""
+    try:
+        said = [
+            subprocess.run(["git", *words], cwd=HERE, capture_output=True, text=True, check=True).stdout
+            for words in (["rev-parse", "--short", "HEAD"], ["status", "--porcelain", "../src"])
+        ]
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return said[0].strip() + ("+" if said[1] else "")
+
+
+def merge(path: Path, registry: Registry, records: Sequence[RunRecord], code: str | None) -> Result:
+    """Adds the runs to the result file, in place of earlier ones of the same name."""
+    results: Result = json.loads(path.read_text()) if path.exists() else {"shortest": {}, "runs": {}}
+    for record in records:
+        if record.task not in results["shortest"]:
+            results["shortest"][record.task] = shortest_mean_length(record.task)
+        shortest = results["shortest"][record.task]["mean_length"]
+        results["runs"][key_of(record)] = {
+            **figures(registry, record, shortest),
+            "commit": code,
+            "versions": record.versions,
+            "machine": machine(),
+        }
+    results["runs"] = dict(sorted(results["runs"].items()))
+    results["written"] = datetime.now(UTC).isoformat(timespec="seconds")
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(results, indent=1) + "\n")
+    partial.replace(path)
+    return results
+
+
+def parsed() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--parts", nargs="*", choices=PARTS, default=PARTS, help="none: only collect and print"
+    )
+    parser.add_argument("--tasks", nargs="+", choices=SOURCES, default=SOURCES, help="sources to train")
+    parser.add_argument(
+        "--scenarios", nargs="+", default=["A"], help="names of files in scenarios/: A B C-place"
+    )
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
+    parser.add_argument("--frames", type=int, help="of every run, instead of its usual budget")
+    parser.add_argument("--workers", type=int, default=2, help="processes at a time")
+    parser.add_argument("--registry", default="build/bench", help="where policies and runs are kept")
+    parser.add_argument("--output", type=Path, default=HERE / "learning.json", help="the result file")
+    parser.add_argument("--collect", action="store_true", help="take in the registry's earlier runs too")
+    return parser.parse_args()
+
+
+def main() -> None:
+    options = parsed()
+    registry = Registry.open(options.registry)
+    code = commit()
+    before = set() if options.collect else {record.id for record in registry.runs()}
+    try:
+        # Sources first: a transfer's job names their policies.
+        for parts in (["sources"], ["paddle", "hdm"]):
+            chosen = [part for part in parts if part in options.parts]
+            jobs = list(jobs_of(argparse.Namespace(**{**vars(options), "parts": chosen}), registry))
+            run(jobs, options.registry, options.workers)
+    except PaddlectlError as error:
+        sys.exit(str(error))
+    except KeyboardInterrupt:
+        sys.exit(130)
+    finally:
+        # Oldest first, so that the newest of a name stays; also when a run failed or ^C came.
+        done = [r for r in registry.runs()[::-1] if r.status == "finished" and r.id not in before]
+        results = merge(options.output, registry, done, code)
+        print(tables(results))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,142 @@
+"""The tables of benchmarks/learning.json; put between the marks `results` of README.md.
+
+python benchmarks/readme_table.py
+"""
+
+import argparse
+import json
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+HERE = Path(__file__).parent
+MARKED = re.compile(r"(<!-- results -->\n).*?(<!-- /results -->)", re.DOTALL)
+Run = dict[str, Any]
+Column = tuple[str, Callable[[Sequence[Run]], str]]
+
+
+def seeds(runs: Sequence[Run]) -> str:
+    return ", ".join(str(seed) for seed in sorted(run["seed"] for run in runs))
+
+
+def figure(path: str, form: str, *, less_is_better: bool) -> Callable[[Sequence[Run]], str]:
+    """A cell: the median over seeds, and the worst; `–` where a seed never came there."""
+
+    def cell(runs: Sequence[Run]) -> str:
+        values = [_at(run, path) for run in runs]
+        missing = float("inf") if less_is_better else float("-inf")
+        known = [missing if value is None else value for value in values]
+        worst = max(known) if less_is_better else min(known)
+        middle = _shown(median(known), form)
+        return middle if len(known) == 1 else f"{middle} ({_shown(worst, form)})"
+
+    return cell
+
+
+def _at(run: Run, path: str) -> float | None:
+    value: Any = run
+    for key in path.split("/"):
+        value = None if value is None else value[key]
+    return value
+
+
+def _shown(value: float, form: str) -> str:
+    return "–" if value in (float("inf"), float("-inf")) else format(value, form)
+
+
+_UNSEEN: list[Column] = [
+    ("success", figure("unseen_layouts/success", ".1%", less_is_better=False)),
+    ("steps ÷ shortest", figure("unseen_layouts/length_ratio", ".2f", less_is_better=True)),
+]
+_SOURCE: list[Column] = [
+    ("seeds", seeds),
+    *_UNSEEN,
+    ("crisp", figure("crispness", ".2f", less_is_better=False)),
+    ("frames", figure("frames", ",", less_is_better=True)),
+    ("seconds", figure("seconds", ".0f", less_is_better=True)),
+]
+_TRANSFER: list[Column] = [
+    ("seeds", seeds),
+    ("frames", figure("frames", ",", less_is_better=True)),
+    ("jump-start", figure("jump_start", ".2f", less_is_better=False)),
+    ("first 200", figure("success_first_200", ".1%", less_is_better=False)),
+    ("frames to 0.9", figure("to_success/0.9/frames", ",.0f", less_is_better=True)),
+    ("frames to 0.97", figure("to_success/0.97/frames", ",.0f", less_is_better=True)),
+    *_UNSEEN,
+    ("area", figure("area_under_curve", ".2f", less_is_better=False)),
+]
+
+
+def tables(results: Run) -> str:
+    """Markdown: the sources, then what was learned of the targets, then how to read it."""
+    runs = results["runs"].values()
+    sources = [run for run in runs if run["kind"] == "source"]
+    transfers = [run for run in runs if run["kind"] == "transfer"]
+    parts = [
+        _table("source", _SOURCE, _grouped(sources, lambda run: run["task"])),
+        _table("target and method", _TRANSFER, _grouped(transfers, _what)),
+        _reading(list(runs)),
+    ]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _what(run: Run) -> str:
+    of = (
+        f"`{run['method']}`, scenario {run['scenario']}" if run["scenario"] else f"`{run['method']}`, scratch"
+    )
+    return f"{run['task']}, {of}"
+
+
+def _grouped(runs: Iterable[Run], name: Callable[[Run], str]) -> dict[str, list[Run]]:
+    groups: dict[str, list[Run]] = {}
+    for run in sorted(runs, key=name):
+        groups.setdefault(name(run), []).append(run)
+    return groups
+
+
+def _table(title: str, columns: Sequence[Column], groups: dict[str, list[Run]]) -> str:
+    if not groups:
+        return ""
+    rows = [[title, *(name for name, _ in columns)]]
+    rows += [[name, *(cell(runs) for _, cell in columns)] for name, runs in groups.items()]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = [
+        "| " + " | ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)) + " |"
+        for row in rows
+    ]
+    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    return "\n".join(lines)
+
+
+def _reading(runs: Sequence[Run]) -> str:
+    machines = sorted({f"{run['machine']['cpu']}, {run['machine']['cores']} cores" for run in runs})
+    versions = sorted({f"PyTorch {run['versions']['torch']}" for run in runs})
+    days = sorted({run["finished"][:10] for run in runs})
+    if not runs:
+        return "No runs yet."
+    return (
+        "Median over seeds (the worst seed in brackets). Success and steps: 200 layouts never trained on, "
+        "failures at 320 steps; the shortest plans of the same layouts are found by search. Jump-start: mean "
+        "score of the first 100 episodes started; first 200: success over the first 200 started. Frames to "
+        "0.9: until 100 episodes that started one after another had ended with that success. Area: mean "
+        "score over the run. Seconds: one process of two side by side, one thread each. "
+        f"{'; '.join(machines)}; {', '.join(versions)}; {' to '.join(dict.fromkeys((days[0], days[-1])))}."
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--results", type=Path, default=HERE / "learning.json")
+    parser.add_argument("--readme", type=Path, default=HERE.parent / "README.md")
+    options = parser.parse_args()
+    made = tables(json.loads(options.results.read_text()))
+    text = options.readme.read_text()
+    if not MARKED.search(text):
+        raise SystemExit(f"{options.readme} has no lines <!-- results --> and <!-- /results -->")
+    options.readme.write_text(MARKED.sub(lambda marks: f"{marks[1]}{made}\n{marks[2]}", text))
+
+
+if __name__ == "__main__":
+    main()
