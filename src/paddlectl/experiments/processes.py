@@ -6,13 +6,16 @@ import queue
 import signal
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
-from typing import Any
+from types import FrameType
+from typing import Any, NoReturn
 
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.jobs import Job, Progress, TrainJob
 
 _POLL = 0.2  # seconds between two looks at a silent queue
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _PATIENCE = 10.0  # seconds that a stopped process may take to mark its run
 
 
@@ -47,8 +50,10 @@ def run_jobs(
         while waiting or running:
             while waiting and len(running) < (workers or os.cpu_count() or 1):
                 index, job = waiting.pop()
-                running[index] = context.Process(target=_work, args=(index, job, registry, events))
-                running[index].start()
+                process = context.Process(target=_work, args=(index, job, registry, events))
+                with _held_back():
+                    process.start()
+                    running[index] = process
             for index, event in _events(events, running):
                 if isinstance(event, Progress):
                     report(index, event)
@@ -60,6 +65,20 @@ def run_jobs(
         return [rows[index] for index in range(len(jobs))]
     finally:
         _stop(running.values())
+
+
+@contextmanager
+def _held_back() -> Iterator[None]:
+    """Neither signal comes through meanwhile, nor to a process that is started in here.
+
+    A terminal sends ^C to all of them at once; were a run's process stopped by it and by its parent, the
+    second signal could strike while it marks its run.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
 
 
 def _events(events: Any, running: dict[int, BaseProcess]) -> Iterator[tuple[int, Any]]:
@@ -87,9 +106,15 @@ def _stop(processes: Iterable[BaseProcess]) -> None:
         process.kill()
 
 
+def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
 def _work(index: int, job: Job, registry: str, events: Any) -> None:
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, _interrupt)
     try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
         events.put((index, _done(index, job, registry, events)))
     except PaddlectlError as error:
         events.put((index, error))
@@ -100,6 +125,8 @@ def _work(index: int, job: Job, registry: str, events: Any) -> None:
             f"a run failed: {type(error).__name__}: {error}", traceback.format_exc().strip()
         )
         events.put((index, told))
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
 def _done(index: int, job: Job, registry: str, events: Any) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from paddlectl.errors import IntegrityError, InvalidFileError
 from paddlectl.experiments.jobs import Progress, TransferJob
 from paddlectl.experiments.log import WINDOW, curve_figures, recorded, versions
 from paddlectl.experiments.sources import keep, revive
@@ -94,7 +95,14 @@ def _guided(
 def _source(registry: Registry, policy: str) -> paddle.Source:
     record = registry.policy(policy)
     actor = revive(registry, record).low_level
-    return paddle.Source(record.id, record.task, parse_program(record.program), actor)
+    try:
+        program = parse_program(record.program)
+    except InvalidFileError as error:
+        raise IntegrityError(
+            f"the program of {record.id} is damaged: {error.message}",
+            f"train it again: paddlectl train {record.task}",
+        ) from error
+    return paddle.Source(record.id, record.task, program, actor)
 
 
 def _mapping(
@@ -128,7 +136,7 @@ def _accounted(
         last_tenth = frames - round_.frames < frames // 10
         if phase == "early" and episodes >= WINDOW:
             registry.append_rows(run.id, "weights", rows)
-            phase, since = "late", round_.frames
+            phase, since, rows = "late", round_.frames, []
             chooser.clear()
         elif phase == "late" and not last_tenth and round_.frames - since >= frames // 10:
             since = round_.frames

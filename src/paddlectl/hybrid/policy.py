@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from paddlectl.hybrid.rollout import DecisionSettings, Outcome
+from paddlectl.hybrid.credit import Credit, CreditSettings, credit
+from paddlectl.hybrid.rollout import LEVELS, DecisionSettings
 from paddlectl.learners.base import Learner
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseLearner, ClauseSettings
@@ -23,13 +24,12 @@ class HybridSettings:
         lanes: Environments side by side.
         block: Steps of every lane between two updates.
         sharpness: Power of the head probabilities when a learned program is played.
-        clause_batch: Episodes to a clause update.
     """
 
     lanes: int = 64
     block: int = 64
     sharpness: float = 3.0
-    clause_batch: int = 16
+    credit: CreditSettings = field(default_factory=CreditSettings)
     clauses: ClauseSettings = field(default_factory=ClauseSettings)
     low_level: PPOSettings = field(default_factory=PPOSettings)
     decisions: DecisionSettings = field(default_factory=DecisionSettings)
@@ -66,6 +66,10 @@ class HybridPolicy:
         ]
         return Program(tuple(clause for clause, _ in kept), tuple(p for _, p in kept))
 
+    def credit(self) -> Credit:
+        """A new account of decisions for its clause weights to learn from."""
+        return credit(self.clauses, task_heads(self.task), self.settings.credit)
+
     def state(self) -> dict[str, torch.Tensor]:
         """All tensors by name."""
         return {**self.clauses.state(), **self.low_level.state()}
@@ -90,13 +94,10 @@ class OwnProgram:
         """Reads the clause weights anew, after an update."""
         self._probabilities = sharpened(self._policy.clauses.probabilities(), self._sharpness)
 
-    def choose(self, lanes: Ints, scenes: Ints) -> tuple[Ints, Ints]:
+    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
         """Its own guide, and a head sampled in each scene. [n], [n]"""
-        heads = sample_rows(self._probabilities[scenes], self._rng)
+        heads = sample_rows(self._probabilities[situations // LEVELS], self._rng)
         return np.full(len(lanes), TARGET), self._domain_head[heads]
-
-    def decided(self, outcome: Outcome) -> None:
-        """Nothing to remember."""
 
 
 def domain_heads(task: Task) -> Ints:

@@ -16,6 +16,13 @@ from paddlectl.learners.base import Actor
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.tasks.base import Bools, Environment, Floats, Ints
 
+LEVELS = 6
+"""Levels of progress that are told apart within a scene.
+
+A situation is a scene and how many of the episode's decisions were paid: situation = scene * LEVELS + level.
+Milestones pay once an episode; a key that is put down and picked up again would else seem to pay again.
+"""
+
 
 @dataclass(frozen=True)
 class DecisionSettings:
@@ -93,26 +100,31 @@ class Outcome(NamedTuple):
     """Decisions that ended in one step, one a lane. Each field is [n].
 
     Attributes:
+        situations: Where it was taken.
         rewards: Extrinsic reward within the decision.
         done: The episode ended with it.
-        next_scenes: Where it led; meaningless when done.
+        next_situations: Where it led; meaningless when done.
     """
 
     lanes: Ints
-    scenes: Ints
+    situations: Ints
     heads: Ints
     steps: Ints
     rewards: Floats
     reached: Bools
     done: Bools
-    next_scenes: Ints
+    next_situations: Ints
 
 
 class Chooser(Protocol):
     """Who decides: a program, or the guidance over several."""
 
-    def choose(self, lanes: Ints, scenes: Ints) -> tuple[Ints, Ints]:
+    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
         """The guide and the head, as an index into the domain's heads, for each lane. [n], [n]"""
+
+
+class Witness(Protocol):
+    """Who learns from what was decided."""
 
     def decided(self, outcome: "Outcome") -> None:
         """Told of the decisions that ended in this step."""
@@ -134,6 +146,7 @@ class Rollout:
         chooser: Picks guide and head.
         actors: The low level of each guide; the learning policy's first.
         settings: When a decision ends.
+        witnesses: Told of every decision that ended.
     """
 
     def __init__(
@@ -144,6 +157,7 @@ class Rollout:
         chooser: Chooser,
         actors: Sequence[Actor],
         settings: DecisionSettings,
+        witnesses: Sequence[Witness] = (),
     ) -> None:
         lanes = environment.lanes
         self.environment = environment
@@ -152,11 +166,13 @@ class Rollout:
         self._chooser = chooser
         self._actors = actors
         self._settings = settings
+        self._witnesses = witnesses
         self._head = np.zeros(lanes, np.intp)
         self._guide = np.zeros(lanes, np.intp)
         self._steps = np.zeros(lanes, np.intp)
         self._limit = np.zeros(lanes, np.intp)
         self._reward = np.zeros(lanes, np.float32)
+        self._level = np.zeros(lanes, np.intp)
         self._pending = np.ones(lanes, np.bool_)
         self._order = np.arange(lanes)
         self._started = np.zeros(lanes, np.intp)
@@ -182,7 +198,9 @@ class Rollout:
         lanes = np.flatnonzero(self._pending)
         if not len(lanes):
             return
-        self._guide[lanes], self._head[lanes] = self._chooser.choose(lanes, self._scene[lanes])
+        self._guide[lanes], self._head[lanes] = self._chooser.choose(
+            lanes, self._scene[lanes] * LEVELS + self._level[lanes]
+        )
         self._limit = np.where(
             self._pending,
             np.where(self.environment.available(self._head), self._settings.max_steps, 1),
@@ -223,25 +241,29 @@ class Rollout:
     def _record(self, lanes: Ints, reached: Bools, done: Bools, next_scenes: Ints) -> None:
         if not len(lanes):
             return
+        scenes, rewards = self._scene[lanes], self._reward[lanes]
+        level = self._level[lanes]
+        self._level[lanes] = np.minimum(level + (rewards > 0), LEVELS - 1)
         outcome = Outcome(
             lanes,
-            self._scene[lanes],
+            scenes * LEVELS + level,
             self._head[lanes],
             self._steps[lanes],
-            self._reward[lanes],
+            rewards,
             reached[lanes],
             done[lanes],
-            next_scenes[lanes],
+            next_scenes[lanes] * LEVELS + self._level[lanes],
         )
         place = (lanes, self._count[lanes])
-        self._history.scenes[place] = outcome.scenes
+        self._history.scenes[place] = scenes
         self._history.heads[place] = outcome.heads
         self._history.guides[place] = self._guide[lanes]
         self._history.steps[place] = outcome.steps
-        self._history.rewards[place] = outcome.rewards
+        self._history.rewards[place] = rewards
         self._history.reached[place] = outcome.reached
         self._count[lanes] += 1
-        self._chooser.decided(outcome)
+        for witness in self._witnesses:
+            witness.decided(outcome)
 
     def _finish(self, lanes: Ints, done: Bools, score: Floats) -> Iterator[Episode]:
         if not len(lanes):
@@ -263,4 +285,5 @@ class Rollout:
         self._started[lanes] = self.frames
         self._length[lanes] = 0
         self._count[lanes] = 0
+        self._level[lanes] = 0
         return iter(episodes)

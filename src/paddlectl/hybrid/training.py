@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from paddlectl.hybrid.policy import HybridPolicy, OwnProgram, task_heads
+from paddlectl.hybrid.policy import HybridPolicy, OwnProgram
 from paddlectl.hybrid.rollout import Episode, Rollout
-from paddlectl.learners.buffers import TARGET, RolloutBuffer
+from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.clauses import Program
 from paddlectl.tasks.base import Bools, Ints, Task
 
@@ -53,32 +53,23 @@ def train(policy: HybridPolicy, seed: int, frames: int) -> Iterator[Round]:
     layouts, choices = np.random.SeedSequence(seed).spawn(2)
     environment = policy.task.make(settings.lanes, int(layouts.generate_state(1)[0]))
     chooser = OwnProgram(policy, np.random.default_rng(choices))
+    credit = policy.credit()
     rollout = Rollout(
-        environment, policy.task.horizon, policy.clauses, chooser, [policy.low_level], settings.decisions
+        environment,
+        policy.task.horizon,
+        policy.clauses,
+        chooser,
+        [policy.low_level],
+        settings.decisions,
+        [credit],
     )
     buffer = RolloutBuffer.empty(settings.block, settings.lanes, environment.observation_size)
     while rollout.frames < frames:
         episodes = rollout.collect(buffer)
         policy.low_level.update(buffer)
-        update_clauses(policy, episodes)
+        credit.update(episodes)
         chooser.refresh()
         yield Round(rollout.frames, episodes)
-
-
-def update_clauses(policy: HybridPolicy, episodes: Sequence[Episode]) -> None:
-    """Eq. 1 over finished episodes, a few episodes at a time, scored under the policy's own weights."""
-    size = policy.settings.clause_batch
-    head_of = task_heads(policy.task)
-    for start in range(0, len(episodes), size):
-        batch = episodes[start : start + size]
-        returns = np.concatenate([e.returns(policy.settings.clauses.discount) for e in batch])
-        scenes, heads, guides, _, _, reached = (
-            np.concatenate(columns) for columns in zip(*(e.decisions for e in batch), strict=True)
-        )
-        known = head_of[heads] >= 0
-        policy.clauses.update(
-            scenes[known], head_of[heads[known]], returns[known], ((guides != TARGET) & reached)[known]
-        )
 
 
 def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Evaluation:

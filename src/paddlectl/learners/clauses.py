@@ -120,6 +120,22 @@ class ClauseLearner:
         gradient_step(self._optimiser, loss)
         self._update_baseline(scene, return_)
 
+    def follow(self, advantages: NDArray[np.float64], visits: NDArray[np.float64], steps: int) -> None:
+        """Steps of Eq. 1 in expectation over the heads, from advantages that are known for all of them.
+
+        Args:
+            advantages: Sum over a scene's decisions of each head's advantage there. [S, H]
+            visits: Decisions made in each scene. [S]
+            steps: Of gradient descent.
+        """
+        advantage = torch.from_numpy((advantages / visits.sum()).astype(np.float32))
+        share = torch.from_numpy((visits / visits.sum()).astype(np.float32))
+        for _ in range(steps):
+            log_probs = self.weights.log_softmax(-1)
+            entropy = -(log_probs.exp() * log_probs).sum(-1)
+            loss = -(log_probs.exp() * advantage).sum() - self.settings.entropy_coef * (share * entropy).sum()
+            gradient_step(self._optimiser, loss)
+
     def state(self) -> dict[str, torch.Tensor]:
         """The tensors by name."""
         return {"clauses.weights": self.weights.detach(), "clauses.baseline": self.baseline}

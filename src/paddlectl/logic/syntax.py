@@ -45,6 +45,9 @@ class ProgramSyntaxError(InvalidFileError):
         self.column = column
         self.what = what
 
+    def __reduce__(self) -> tuple[type["ProgramSyntaxError"], tuple[int, int, str]]:
+        return type(self), (self.line, self.column, self.what)  # else it can't leave a process
+
 
 class _Token(NamedTuple):
     kind: str

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from paddlectl.hybrid.rollout import LEVELS
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Clause
 from paddlectl.transfer.documents import body_document
@@ -30,9 +31,9 @@ class Account:
         came up with most; the counts are over all of them.
         """
         weighing = self._chooser.weigh()
-        by_scene = self._chooser.decisions.reshape(len(self._bodies), -1)
+        by_scene = self._chooser.decisions.reshape(-1, LEVELS)
         for scene in np.flatnonzero(by_scene.sum(-1)):
-            rows = scene * by_scene.shape[1] + np.arange(by_scene.shape[1])
+            rows = scene * LEVELS + np.arange(LEVELS)
             shown = rows[by_scene[scene].argmax()]
             for number, policy in enumerate(self._policies):
                 best = self._best(number, weighing.weight[shown], weighing.similarity[shown])
@@ -58,7 +59,7 @@ class Account:
         return [self._decision(step, decision) for step, decision in enumerate(episode, start=1)]
 
     def _decision(self, step: int, decision: TracedDecision) -> dict[str, Any]:
-        body, head = self._bodies[decision.scene], self._heads[decision.head]
+        body, head = self._bodies[decision.situation // LEVELS], self._heads[decision.head]
         return {
             "step": step,
             "scene": body_document(body),

@@ -6,15 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from paddlectl.hybrid.plan import Plan
 from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, sharpened
-from paddlectl.hybrid.rollout import Outcome, Rollout
-from paddlectl.hybrid.training import Round, update_clauses
+from paddlectl.hybrid.rollout import LEVELS, Outcome, Rollout
+from paddlectl.hybrid.training import Round
 from paddlectl.learners.base import Actor
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.logic.clauses import Body, Program
 from paddlectl.tasks.base import Bools, Floats, Ints, Task
 from paddlectl.transfer.guidance import GuidanceSettings, choose_guide, faded_weight, guidance_weight
-from paddlectl.transfer.performance import MeanReturns, PlannedReturns, Table, performance
+from paddlectl.transfer.performance import MeanReturns, Table, performance
 from paddlectl.transfer.similarity import SceneMapping
 
 
@@ -84,8 +85,7 @@ class TracedDecision(NamedTuple):
         audition: The target led to be measured, not for its weight.
     """
 
-    scene: int
-    row: int
+    situation: int
     candidate: int
     head: int
     steps: int
@@ -99,7 +99,7 @@ class TracedDecision(NamedTuple):
 class GuideChooser:
     """Lines 4-14 of Algorithm 2: scene → Λ of every candidate → guide → subgoal.
 
-    Its tables have a row for each situation: a scene, or a scene and a level of progress (`LEVELS`).
+    Its tables have a row for each situation (`rollout.LEVELS`).
 
     Attributes:
         candidates: Who may lead where.
@@ -108,16 +108,13 @@ class GuideChooser:
             subgoal, since `clear`. [R], [R, C], [R, C]
     """
 
-    LEVELS = 1
-    """Levels of progress that are told apart within a scene; row = scene * LEVELS + level."""
-
     def __init__(
         self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator
     ) -> None:
         scenes = len(target.clauses.bodies)
         self.target = target
         self.candidates = candidates
-        self.shape = (scenes * self.LEVELS, len(candidates.guides))
+        self.shape = (scenes * LEVELS, len(candidates.guides))
         self.traces: list[list[TracedDecision]] = []
         self._rng = rng
         self._own_heads = domain_heads(target.task)
@@ -140,28 +137,26 @@ class GuideChooser:
         """ψ, Φ and Λ of every candidate in every situation. [R, C] each"""
         raise NotImplementedError
 
-    def choose(self, lanes: Ints, scenes: Ints) -> tuple[Ints, Ints]:
+    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
         """The guide and the head for each lane. [n], [n]"""
         weighing = self.weigh()
-        rows = self._rows(lanes, scenes)
-        weights = self._lane_weights(weighing.weight, lanes, rows)
+        weights = self._lane_weights(weighing.weight, lanes, situations)
         chosen = choose_guide(weights, self._rng)
-        audition = self._auditions(lanes, scenes, chosen)
+        audition = self._auditions(lanes, situations // LEVELS, chosen)
         chosen[audition] = TARGET
-        heads = self._heads(chosen, scenes)
-        for lane, scene, row, candidate, head, heard, weight in zip(
-            lanes, scenes, rows, chosen, heads, audition, weights, strict=True
+        heads = self._heads(chosen, situations // LEVELS)
+        for lane, situation, candidate, head, heard, weight in zip(
+            lanes, situations, chosen, heads, audition, weights, strict=True
         ):
             self._present[lane] = TracedDecision(
-                int(scene),
-                int(row),
+                int(situation),
                 int(candidate),
                 int(head),
                 0,
                 False,
                 bool(heard),
-                weighing.similarity[row],
-                weighing.performance[row],
+                weighing.similarity[situation],
+                weighing.performance[situation],
                 weight,
             )
         return self.candidates.guides[chosen], heads
@@ -174,16 +169,16 @@ class GuideChooser:
             outcome.rewards,
             outcome.reached,
             outcome.done,
-            outcome.next_scenes,
+            outcome.next_situations,
             strict=True,
         ):
             present = self._present[lane]
             assert present is not None
             decision = present._replace(steps=int(steps), reached=bool(reached))
             self._episode[lane].append(decision)
-            self.decisions[decision.row] += 1
-            self.chosen[decision.row, decision.candidate] += 1
-            self.reached[decision.row, decision.candidate] += reached
+            self.decisions[decision.situation] += 1
+            self.chosen[decision.situation, decision.candidate] += 1
+            self.reached[decision.situation, decision.candidate] += reached
             self._learn(lane, decision, float(reward), None if done else int(following))
             if done:
                 self.traces.append(self._episode[lane])
@@ -195,11 +190,8 @@ class GuideChooser:
         heads[own] = self._own_heads[sample_rows(self._own[scenes[own]], self._rng)]
         return heads
 
-    def _rows(self, lanes: Ints, scenes: Ints) -> Ints:
-        return scenes
-
-    def _lane_weights(self, weights: Table, lanes: Ints, rows: Ints) -> Table:
-        return weights[rows]
+    def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
+        return weights[situations]
 
     def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         return np.zeros(len(lanes), np.bool_)
@@ -215,15 +207,17 @@ class PaperGuides(GuideChooser):
         self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator
     ) -> None:
         super().__init__(target, candidates, lanes, rng)
-        self._returns = MeanReturns(self.shape)
+        self._returns = MeanReturns(candidates.similarity.shape)
         self._rewards: list[list[float]] = [[] for _ in range(lanes)]
 
     def weigh(self) -> Weighing:
-        """ψ + Φ. [S, C] each"""
-        entropy = np.broadcast_to(self.candidates.entropy, self.shape).copy()
+        """ψ + Φ, the same at every level of progress. [R, C] each"""
+        psi = self.candidates.similarity
+        entropy = np.broadcast_to(self.candidates.entropy, psi.shape).copy()
         entropy[:, TARGET] = -(self._own * np.log(self._own + 1e-12)).sum(-1)
         phi = performance(self._returns.mean, entropy)
-        return Weighing(self.candidates.similarity, phi, guidance_weight(self.candidates.similarity, phi))
+        tables = (psi, phi, guidance_weight(psi, phi))
+        return Weighing(*(np.repeat(table, LEVELS, axis=0) for table in tables))
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         self._rewards[lane].append(reward)
@@ -233,18 +227,12 @@ class PaperGuides(GuideChooser):
         discount = self.target.settings.clauses.discount
         for made, earned in zip(reversed(self._episode[lane]), reversed(self._rewards[lane]), strict=True):
             return_ = earned + discount * return_
-            self._returns.record(made.scene, made.candidate, return_)
+            self._returns.record(made.situation // LEVELS, made.candidate, return_)
         self._rewards[lane] = []
 
 
 class PlannedGuides(GuideChooser):
-    """`guidance: default`: the rules of `GuidanceSettings` over planned returns.
-
-    A situation is a scene and how many of the episode's decisions were paid. Milestones pay once an
-    episode; without their count, a key that is put down and picked up again looks as if it paid again.
-    """
-
-    LEVELS = 6
+    """`guidance: default`: the rules of `GuidanceSettings` over planned returns."""
 
     def __init__(
         self,
@@ -257,40 +245,34 @@ class PlannedGuides(GuideChooser):
         super().__init__(target, candidates, lanes, rng)
         self.rules = settings
         memory = np.where(candidates.guides == TARGET, settings.target_memory, settings.source_memory)
-        self._returns = PlannedReturns(self.shape, target.settings.clauses.discount, memory)
-        self._similarity = np.repeat(candidates.similarity, self.LEVELS, axis=0)
+        self._plan = Plan(*self.shape, target.settings.clauses.discount, memory)
+        self._returns = np.zeros(self.shape)
+        self._similarity = np.repeat(candidates.similarity, LEVELS, axis=0)
         self._known = np.where(np.isfinite(self._similarity), self._similarity, 0.0)
-        self._repeats = np.zeros((lanes, self.shape[0], *self._guides_and_heads()), np.float32)
         self._leading_head = candidates.heads.argmax(-1)
-        self._level = np.zeros(lanes, np.intp)
+        guides_and_heads = int(candidates.guides.max()) + 1, candidates.heads.shape[1]
+        self._repeats = np.zeros((lanes, self.shape[0], *guides_and_heads), np.float32)
         self._heard = np.zeros(lanes, np.bool_)
 
     def weigh(self) -> Weighing:
         """ψ faded into the planned Φ; the target by merit, or out of curiosity. [R, C] each"""
-        returns, rules = self._returns, self.rules
-        weights = faded_weight(self._known, returns.mean, returns.count, rules.fading)
+        rules = self.rules
+        weights = faded_weight(self._known, self._returns, self._plan.count, rules.fading)
         weights[np.isneginf(self._similarity)] = -np.inf
-        measured = returns.count[:, TARGET] >= rules.audition_samples
-        merit = np.where(measured, returns.mean[:, TARGET], 0.0)
+        measured = self._plan.count[:, TARGET] >= rules.audition_samples
+        merit = np.where(measured, self._returns[:, TARGET], 0.0)
         weights[:, TARGET] = np.maximum(merit, rules.curiosity)
-        returns.sweep(weights.max(-1))
+        self._returns = self._plan.returns(weights.max(-1))
         weights[:, TARGET] += rules.target_margin * measured
-        return Weighing(self._similarity, returns.mean.copy(), weights)
+        return Weighing(self._similarity, self._returns, weights)
 
-    def _rows(self, lanes: Ints, scenes: Ints) -> Ints:
-        rows: Ints = scenes * self.LEVELS + self._level[lanes]
-        return rows
-
-    def _lane_weights(self, weights: Table, lanes: Ints, rows: Ints) -> Table:
+    def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
         leading = np.tile(self._leading_head, (len(lanes), 1))
-        leading[:, TARGET] = self._own_heads[self._own[rows // self.LEVELS].argmax(-1)]
-        repeats = self._repeats[lanes[:, None], rows[:, None], self.candidates.guides, leading]
-        penalised: Table = weights[rows] - self.rules.repeat_penalty * repeats
+        leading[:, TARGET] = self._own_heads[self._own[situations // LEVELS].argmax(-1)]
+        repeats = self._repeats[lanes[:, None], situations[:, None], self.candidates.guides, leading]
+        penalised: Table = weights[situations] - self.rules.repeat_penalty * repeats
         penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.curiosity)
         return penalised
-
-    def _guides_and_heads(self) -> tuple[int, int]:
-        return int(self.candidates.guides.max()) + 1, self.candidates.heads.shape[1]
 
     def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         rate = self.rules.audition_rate * self._own[scenes].max(-1)
@@ -300,13 +282,10 @@ class PlannedGuides(GuideChooser):
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         guide = self.candidates.guides[decision.candidate]
-        self._repeats[lane, decision.row, guide, decision.head] += 1
-        self._level[lane] = min(self._level[lane] + (reward > 0), self.LEVELS - 1)
-        next_row = None if following is None else following * self.LEVELS + self._level[lane]
-        self._returns.record(decision.row, decision.candidate, reward, next_row)
+        self._repeats[lane, decision.situation, guide, decision.head] += 1
+        self._plan.record(decision.situation, decision.candidate, reward, following)
         if following is None:
             self._repeats[lane] = 0
-            self._level[lane] = 0
             self._heard[lane] = False
 
 
@@ -316,6 +295,7 @@ def learn(
     """Algorithm 2: collects with the guides and trains the target, until `frames` are used up."""
     settings = target.settings
     environment = target.task.make(settings.lanes, seed)
+    credit = target.credit()
     rollout = Rollout(
         environment,
         target.task.horizon,
@@ -323,12 +303,13 @@ def learn(
         chooser,
         [target.low_level, *(source.actor for source in sources)],
         settings.decisions,
+        [chooser, credit],
     )
     buffer = RolloutBuffer.empty(settings.block, settings.lanes, environment.observation_size)
     chooser.refresh()
     while rollout.frames < frames:
         episodes = rollout.collect(buffer)
         target.low_level.update(buffer)
-        update_clauses(target, episodes)
+        credit.update(episodes)
         chooser.refresh()
         yield Round(rollout.frames, episodes)

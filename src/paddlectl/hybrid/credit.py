@@ -1,0 +1,123 @@
+"""Q of Eq. 1: what a head was worth in its scene, by planning or by Monte-Carlo returns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from paddlectl.hybrid.plan import Plan
+from paddlectl.hybrid.rollout import LEVELS, Episode, Outcome
+from paddlectl.learners.buffers import TARGET
+from paddlectl.learners.clauses import ClauseLearner
+from paddlectl.tasks.base import Ints
+
+
+class Credit(Protocol):
+    """Turns decisions into updates of the clause weights."""
+
+    def decided(self, outcome: Outcome) -> None:
+        """Told of the decisions that ended in a step."""
+
+    def update(self, episodes: Sequence[Episode]) -> None:
+        """Updates the weights once a block, given the episodes that ended in it."""
+
+
+@dataclass(frozen=True)
+class CreditSettings:
+    """How Q is estimated.
+
+    Attributes:
+        planned: By `Plan`; otherwise by Monte-Carlo returns, as the paper has it.
+        memory: Latest decisions that a cell of the plan weighs.
+        prior: Decisions' worth of belief that a head is worth as much as its scene.
+        sweeps: Of policy evaluation before each update.
+        steps: Gradient steps on the planned advantages of a block.
+        batch: Episodes to a Monte-Carlo update.
+    """
+
+    planned: bool = True
+    memory: float = 500.0
+    prior: float = 3.0
+    sweeps: int = 60
+    steps: int = 8
+    batch: int = 16
+
+
+class PlannedCredit:
+    """Eq. 1 with the advantages of the plan's returns, for all heads at once.
+
+    Decisions count as soon as they end, whoever made them: a guide that reaches its subgoal teaches the
+    target the head by its return.
+
+    Args:
+        clauses: The weights that learn.
+        head_of: Index among the clauses' heads of each of the domain's; -1 for none. [domain's H]
+        settings: The numbers.
+    """
+
+    def __init__(self, clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> None:
+        situations = len(clauses.bodies) * LEVELS
+        self._clauses = clauses
+        self._head_of = head_of
+        self._settings = settings
+        self._plan = Plan(situations, len(clauses.heads), clauses.settings.discount, settings.memory)
+        self._values = np.zeros(situations)
+        self._visits = np.zeros(situations)
+
+    def decided(self, outcome: Outcome) -> None:
+        """Counts the decisions for the heads that the clauses know."""
+        for situation, head, reward, done, following in zip(
+            outcome.situations,
+            self._head_of[outcome.heads],
+            outcome.rewards,
+            outcome.done,
+            outcome.next_situations,
+            strict=True,
+        ):
+            if head >= 0:
+                self._visits[situation] += 1
+                self._plan.record(situation, head, reward, None if done else following)
+
+    def update(self, episodes: Sequence[Episode]) -> None:
+        """Evaluates the present program in the plan, then follows its advantages."""
+        if not self._visits.any():
+            return
+        policy = np.repeat(self._clauses.probabilities(), LEVELS, axis=0)
+        for _ in range(self._settings.sweeps):
+            returns = self._plan.returns(self._values, self._settings.prior)
+            self._values = (policy * returns).sum(-1)
+        by_scene = (len(self._clauses.bodies), LEVELS)
+        advantages = (self._visits[:, None] * (returns - self._values[:, None])).reshape(*by_scene, -1).sum(1)
+        self._clauses.follow(advantages, self._visits.reshape(by_scene).sum(1), self._settings.steps)
+        self._visits[:] = 0.0
+
+
+class MonteCarloCredit:
+    """Eq. 1 as the paper has it: discounted returns of finished episodes, a few episodes at a time."""
+
+    def __init__(self, clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> None:
+        self._clauses = clauses
+        self._head_of = head_of
+        self._batch = settings.batch
+
+    def decided(self, outcome: Outcome) -> None:
+        """Waits for the end of the episode."""
+
+    def update(self, episodes: Sequence[Episode]) -> None:
+        """Scores the decisions under the learner's own weights."""
+        for start in range(0, len(episodes), self._batch):
+            batch = episodes[start : start + self._batch]
+            returns = np.concatenate([e.returns(self._clauses.settings.discount) for e in batch])
+            scenes, heads, guides, _, _, reached = (
+                np.concatenate(columns) for columns in zip(*(e.decisions for e in batch), strict=True)
+            )
+            known = self._head_of[heads] >= 0
+            imitate = (guides != TARGET) & reached
+            self._clauses.update(scenes[known], self._head_of[heads[known]], returns[known], imitate[known])
+
+
+def credit(clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> Credit:
+    """The credit that the settings ask for."""
+    kind = PlannedCredit if settings.planned else MonteCarloCredit
+    return kind(clauses, head_of, settings)

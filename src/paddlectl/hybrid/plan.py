@@ -1,0 +1,55 @@
+"""Returns by planning over what was counted, in place of returns averaged over whole episodes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Table = NDArray[np.float64]
+
+
+class Plan:
+    """The high level as a small semi-Markov decision process, counted while it is played.
+
+    In a situation an option (a head, or a guide) is taken; what its decisions earned and where they led
+    is counted, and returns follow by dynamic programming over the counts. A mean over whole episodes
+    blames a good first move for what came later, hardly notices two moves that undo each other, and
+    waits for episodes to end; the plan has none of these faults.
+
+    Args:
+        situations: R, how many.
+        options: O, how many.
+        discount: γ_h per decision.
+        memory: A cell weighs at most about this many of its latest decisions. A number, or one an option.
+
+    Attributes:
+        count: Decisions that each cell weighs. [R, O]
+    """
+
+    def __init__(self, situations: int, options: int, discount: float, memory: float | Table) -> None:
+        self.count: Table = np.zeros((situations, options))
+        self._discount = discount
+        self._keep = np.broadcast_to(1.0 - 1.0 / np.asarray(memory), (options,))
+        self._reward: Table = np.zeros((situations, options))
+        self._led_to: Table = np.zeros((situations, options, situations))
+
+    def record(self, situation: int, option: int, reward: float, following: int | None) -> None:
+        """Counts one decision; `following` is the situation that it led to, None if the episode ended."""
+        cell, keep = (situation, option), self._keep[option]
+        self.count[cell] = keep * self.count[cell] + 1.0
+        self._reward[cell] = keep * self._reward[cell] + reward
+        self._led_to[cell] *= keep
+        if following is not None:
+            self._led_to[cell][following] += 1.0
+
+    def returns(self, values: Table, prior: float = 0.0) -> Table:
+        """G of every option: mean reward plus discounted value of where it led.
+
+        Args:
+            values: Of the situations. [R]
+            prior: Decisions' worth of belief that an option is worth as much as its situation.
+
+        Returns:
+            [R, O]; 0 for an option without decisions and prior.
+        """
+        total = self._reward + self._discount * (self._led_to @ values) + prior * values[:, None]
+        returns: Table = total / np.maximum(self.count + prior, 1e-9)
+        return returns
