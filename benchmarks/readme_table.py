@@ -36,9 +36,10 @@ def figure(path: str, form: str, *, less_is_better: bool) -> Callable[[Sequence[
 
 
 def _at(run: Run, path: str) -> float | None:
-    value: Any = run
+    found: Any = run
     for key in path.split("/"):
-        value = None if value is None else value[key]
+        found = None if found is None else found[key]
+    value: float | None = found
     return value
 
 
