@@ -1,0 +1,26 @@
+"""A registry of three tiny sources, learned side by side in processes of their own."""
+
+from typing import Any, NamedTuple
+
+import pytest
+
+from paddlectl.experiments.jobs import Progress, TrainJob
+from paddlectl.experiments.processes import run_jobs
+from paddlectl.registry.store import Registry
+
+JOBS = (TrainJob("GapBall", 0, 1), TrainJob("BlockedDoor", 0, 1), TrainJob("GapBall", 0, 1))
+"""One block of frames each; the first and the last are the same."""
+
+
+class Trained(NamedTuple):
+    rows: list[dict[str, Any]]
+    told: list[tuple[int, Progress]]
+    registry: Registry
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Trained:
+    location = str(tmp_path_factory.mktemp("trained") / "registry")
+    told: list[tuple[int, Progress]] = []
+    rows = run_jobs(JOBS, location, lambda index, progress: told.append((index, progress)), workers=2)
+    return Trained(rows, told, Registry.open(location, create=False))

@@ -1,0 +1,64 @@
+"""^C and SIGTERM while sources are being learned."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from paddlectl.registry.store import Registry
+from samples import ROOT
+
+
+def train(registry):
+    line = [sys.executable, "-m", "paddlectl", "train", "BlockedDoor", "--frames", "9999999"]
+    return subprocess.Popen(
+        [*line, "--registry", str(registry)],
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_for(path):
+    patience = time.monotonic() + 120
+    while not path.exists():
+        assert time.monotonic() < patience, f"{path.name} didn't come"
+        time.sleep(0.05)
+
+
+def ended(process):
+    """Its exit code, and that it says what happened in a line."""
+    out, err = process.communicate(timeout=60)
+    assert out == ""
+    assert "Traceback" not in err
+    assert err.splitlines()[-1] == "interrupted"
+    return process.returncode
+
+
+# A terminal sends ^C to the whole group; kill and the like send SIGTERM to the one process.
+@pytest.mark.parametrize(
+    ("send", "number", "code"), [(os.killpg, signal.SIGINT, 130), (os.kill, signal.SIGTERM, 143)]
+)
+def test_a_stopped_training_marks_its_run(tmp_path, send, number, code):
+    process = train(tmp_path / "registry")
+    wait_for(tmp_path / "registry" / "runs" / "run-1" / "progress.jsonl")
+    send(process.pid, number)
+    assert ended(process) == code
+    with Registry.open(tmp_path / "registry", create=False) as registry:
+        (run,) = registry.runs()
+        assert (run.status, run.policy) == ("interrupted", None)
+        assert run.frames >= 64 * 64
+        assert len(registry.read_rows(run.id, "progress")) * 64 * 64 == run.frames
+
+
+def test_a_training_is_stopped_before_it_has_begun(tmp_path):
+    process = train(tmp_path / "registry")
+    time.sleep(1.5)  # its own process is being made
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.communicate(timeout=60) == ("", "interrupted\n")
+    assert process.returncode == 130

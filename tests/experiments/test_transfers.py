@@ -1,0 +1,193 @@
+"""A transfer of a few dozen episodes, and all that it leaves behind."""
+
+import os
+import shutil
+import subprocess
+import sys
+from typing import Any, NamedTuple
+
+import pytest
+
+from paddlectl.experiments import transfers
+from paddlectl.registry.records import RunRecord
+from paddlectl.registry.store import Registry
+from paddlectl.tasks.suite import load
+from samples import ROOT
+from small_transfer import CHANGES, FRAMES, TARGET, job
+
+MODES = ("default", "paper")
+
+
+class Done(NamedTuple):
+    row: dict[str, Any]
+    run: RunRecord
+    registry: Registry
+
+    def rows(self, name: str) -> list[dict[str, Any]]:
+        return self.registry.read_rows(self.run.id, name)
+
+
+class Transfers:
+    """Runs each transfer once, however many tests look at it."""
+
+    def __init__(self, registry: Registry, policies: tuple[str, ...]) -> None:
+        self.registry = registry
+        self.policies = policies
+        self._done: dict[tuple[Any, ...], Done] = {}
+
+    def __call__(self, mode: str = "default", method: str = "paddle", seed: int = 0) -> Done:
+        asked = (mode, method, seed)
+        if asked not in self._done:
+            row = transfers.run_transfer(
+                job(self.policies, mode, method, seed), self.registry, lambda _: None
+            )
+            self._done[asked] = Done(row, self.registry.run(row["run"]), self.registry)
+        return self._done[asked]
+
+
+@pytest.fixture(scope="module")
+def transfer(trained, tmp_path_factory):
+    location = tmp_path_factory.mktemp("transfers") / "registry"
+    shutil.copytree(trained.registry.location, location)
+    policies = tuple(trained.rows[index]["policy"] for index in (1, 0))
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name, value in CHANGES:
+            patch.setattr(module, name, value)
+        yield Transfers(Registry.open(location), policies)
+
+
+def names(body):
+    return sorted(literal.removeprefix("!") for literal in body)
+
+
+VOCABULARY = sorted(str(atom) for atom in load(TARGET).vocabulary.atoms)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_row_and_the_run_say_the_same(transfer, mode):
+    done = transfer(mode)
+    figures = {"jump_start", "final_score", "success_rate", "area_under_curve"}
+    assert set(done.row) == {"run", "policy", "method", "seed", "frames", "episodes", "seconds"} | figures
+    run = done.run
+    assert (run.kind, run.method, run.task, run.scenario, run.status) == (
+        "transfer", "paddle", TARGET, "A", "finished",
+    )  # fmt: skip
+    assert run.sources == transfer.policies
+    assert (run.frames, run.episodes, run.policy) == (
+        done.row["frames"], done.row["episodes"], done.row["policy"],
+    )  # fmt: skip
+    assert {name: run.results[name] for name in figures} == {name: done.row[name] for name in figures}
+    assert run.settings["scenario"]["guidance"]["mode"] == mode
+    assert FRAMES <= done.row["frames"] < FRAMES + 8 * 64
+    assert done.row["episodes"] >= 8 * 2
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_episodes(transfer, mode):
+    done = transfer(mode)
+    rows = done.rows("episodes")
+    assert len(rows) == done.row["episodes"]
+    assert len({row["order"] for row in rows}) == len(rows)
+    for row in rows:
+        assert set(row) == {"order", "started", "frames", "score", "length", "success", "decisions"}
+        assert row["success"] == (row["score"] > 0)
+        assert row["frames"] - row["started"] == row["length"] * 8
+        assert 1 <= row["decisions"] <= row["length"] <= 320
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_mapping_is_that_of_the_target_and_its_sources(transfer, mode):
+    done = transfer(mode)
+    mapping = done.registry.read_document(done.run.id, "mapping")
+    assert (mapping["target"], mapping["body_weight"], mapping["head_weight"]) == (TARGET, 0.8, 0.2)
+    assert mapping["sources"] == list(transfer.policies)
+    assert len(mapping["scenes"]) == 28
+    for scene in mapping["scenes"]:
+        assert set(scene) == {"body", "heads", "self_similarity", "matches"}
+        assert names(scene["body"]) == VOCABULARY
+        assert [match["policy"] for match in scene["matches"]] == list(transfer.policies)
+        assert scene["self_similarity"] == max(match["similarity"] for match in scene["matches"])
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_weights_by_scene_and_policy(transfer, mode):
+    done = transfer(mode)
+    rows = done.rows("weights")
+    assert {row["phase"] for row in rows} == {"early", "late"}
+    keys = [(row["phase"], tuple(row["scene"]), row["policy"]) for row in rows]
+    assert len(set(keys)) == len(keys)
+    assert {row["policy"] for row in rows} == {"target", *transfer.policies}
+    tasks = {"target": TARGET, **dict(zip(transfer.policies, ("BlockedDoor", "GapBall"), strict=True))}
+    for row in rows:
+        assert set(row) == {
+            "phase", "frames", "scene", "policy", "task", "similarity", "performance", "weight",
+            "decisions", "chosen", "reached",
+        }  # fmt: skip
+        assert names(row["scene"]) == VOCABULARY
+        assert row["task"] == tasks[row["policy"]]
+        assert 0 <= row["reached"] <= row["chosen"] <= row["decisions"] > 0
+    for phase, scene in {(row["phase"], tuple(row["scene"])) for row in rows}:
+        here = [row for row in rows if (row["phase"], tuple(row["scene"])) == (phase, scene)]
+        assert sum(row["chosen"] for row in here) == here[0]["decisions"]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_paper_weights_are_the_sum_of_the_similarities(transfer, mode):
+    sums = [row["weight"] == row["similarity"] + row["performance"] for row in transfer(mode).rows("weights")]
+    assert all(sums) == (mode == "paper")
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_trace_of_an_early_and_a_late_episode(transfer, mode):
+    done = transfer(mode)
+    trace = done.registry.read_document(done.run.id, "trace")
+    assert set(trace) == {"early", "late", "score_early", "score_late"}
+    counts = {(row["score"], row["decisions"]) for row in done.rows("episodes")}
+    for phase in ("early", "late"):
+        assert (trace[f"score_{phase}"], len(trace[phase])) in counts
+        assert [decision["step"] for decision in trace[phase]] == list(range(1, len(trace[phase]) + 1))
+        for decision in trace[phase]:
+            assert set(decision) >= {
+                "step", "scene", "clause", "guide", "weights", "head", "steps", "reached",
+            }  # fmt: skip
+            assert decision["guide"] in {weight["policy"] for weight in decision["weights"]}
+            assert decision["clause"] == f"{decision['head']} :- {', '.join(decision['scene'])}"
+            assert 1 <= decision["steps"] <= 50
+            for weight in decision["weights"]:
+                assert set(weight) == {"policy", "similarity", "performance", "weight"}
+
+
+def test_from_scratch_there_is_nothing_to_explain_but_the_episodes(transfer):
+    done = transfer(method="hdm")
+    assert (done.run.method, done.run.sources, done.run.status) == ("hdm", (), "finished")
+    assert len(done.rows("episodes")) == done.row["episodes"] >= 8 * 2
+    assert done.registry.read_document(done.run.id, "mapping") is None
+    assert done.registry.read_document(done.run.id, "trace") is None
+    assert done.rows("weights") == []
+
+
+def checkpoint(done):
+    return done.registry.policy(done.row["policy"]).checkpoint
+
+
+def test_equal_seeds_give_equal_policies_in_another_process(transfer):
+    line = [sys.executable, str(ROOT / "tests" / "small_transfer.py"), transfer.registry.location]
+    line += ["default", "0", *transfer.policies]
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PYTHONHASHSEED": "12"}
+    other = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=True)
+    assert other.stdout.strip() == checkpoint(transfer("default"))
+
+
+def test_other_seeds_and_other_rules_give_other_policies(transfer):
+    runs = [transfer("default"), transfer("paper"), transfer(method="hdm"), transfer("default", seed=1)]
+    assert len({checkpoint(done) for done in runs}) == 4
+
+
+def test_weights_are_told_once_when_the_early_episodes_are_over_in_the_last_round(transfer, monkeypatch):
+    """Eight lanes that time out together, after 320 steps, in the fifth round of 64."""
+    monkeypatch.setattr(transfers, "WINDOW", 8)
+    short = job(transfer.policies, "paper", frames=8 * 320)
+    row = transfers.run_transfer(short, transfer.registry, lambda _: None)
+    rows = transfer.registry.read_rows(row["run"], "weights")
+    keys = [(row["phase"], tuple(row["scene"]), row["policy"]) for row in rows]
+    assert len(set(keys)) == len(keys) > 0
