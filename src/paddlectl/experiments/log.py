@@ -81,16 +81,16 @@ def curve_figures(episodes: Sequence[Episode], frames: int) -> dict[str, float]:
         frames: Of the whole run.
 
     Returns:
-        `jump_start`: mean score of the first 100 episodes started (lanes that finish early are the lucky
-        ones). `final_score` and `success_rate`: of the last 100 that ended. `area_under_curve`: mean over
+        `jump_start`: mean score of the first 100 episodes started; lanes that finish early are the lucky
+        ones, so one that didn't end within the run counts as 0. `final_score` and `success_rate`: of the last 100 that ended. `area_under_curve`: mean over
         100 equal spans of the run of the mean score of the latest 100 episodes, 0 before the first.
     """
     scores = np.array([episode.score for episode in episodes])
     ended = np.array([episode.finished for episode in episodes])
-    started = sorted(episodes, key=lambda episode: episode.order)
+    first = [episode.score for episode in episodes if episode.order < WINDOW]
     spans = np.searchsorted(ended, frames * np.arange(1, 101) / 100, side="right")
     return {
-        "jump_start": _mean(np.array([episode.score for episode in started[:WINDOW]])),
+        "jump_start": sum(first) / WINDOW,
         "final_score": _mean(scores[-WINDOW:]),
         "success_rate": _mean(scores[-WINDOW:] > 0),
         "area_under_curve": float(np.mean([_mean(scores[max(0, n - WINDOW) : n]) for n in spans])),

@@ -61,15 +61,17 @@ class PlannedCredit:
         self._clauses = clauses
         self._head_of = head_of
         self._settings = settings
-        self._plan = Plan(situations, len(clauses.heads), clauses.settings.discount, settings.memory)
+        self._plan = Plan(situations, len(clauses.heads), settings.memory)
         self._values = np.zeros(situations)
         self._visits = np.zeros(situations)
 
     def decided(self, outcome: Outcome) -> None:
         """Counts the decisions for the heads that the clauses know."""
-        for situation, head, reward, done, following in zip(
+        discounts = self._clauses.settings.discounts(outcome.steps)
+        for situation, head, discount, reward, done, following in zip(
             outcome.situations,
             self._head_of[outcome.heads],
+            discounts,
             outcome.rewards,
             outcome.done,
             outcome.next_situations,
@@ -77,7 +79,7 @@ class PlannedCredit:
         ):
             if head >= 0:
                 self._visits[situation] += 1
-                self._plan.record(situation, head, reward, None if done else following)
+                self._plan.record(situation, head, reward, None if done else following, discount)
 
     def update(self, episodes: Sequence[Episode]) -> None:
         """Evaluates the present program in the plan, then follows its advantages."""

@@ -17,28 +17,36 @@ class Plan:
     Args:
         situations: R, how many.
         options: O, how many.
-        discount: γ_h per decision.
         memory: A cell weighs at most about this many of its latest decisions. A number, or one an option.
 
     Attributes:
         count: Decisions that each cell weighs. [R, O]
     """
 
-    def __init__(self, situations: int, options: int, discount: float, memory: float | Table) -> None:
+    def __init__(self, situations: int, options: int, memory: float | Table) -> None:
         self.count: Table = np.zeros((situations, options))
-        self._discount = discount
         self._keep = np.broadcast_to(1.0 - 1.0 / np.asarray(memory), (options,))
         self._reward: Table = np.zeros((situations, options))
         self._led_to: Table = np.zeros((situations, options, situations))
 
-    def record(self, situation: int, option: int, reward: float, following: int | None) -> None:
-        """Counts one decision; `following` is the situation that it led to, None if the episode ended."""
+    def record(
+        self, situation: int, option: int, reward: float, following: int | None, discount: float
+    ) -> None:
+        """Counts one decision.
+
+        Args:
+            situation: Where it was taken.
+            option: What was taken.
+            reward: What it earned.
+            following: The situation that it led to, None if the episode ended.
+            discount: γ of the whole decision; smaller for a longer one.
+        """
         cell, keep = (situation, option), self._keep[option]
         self.count[cell] = keep * self.count[cell] + 1.0
-        self._reward[cell] = keep * self._reward[cell] + reward
+        self._reward[cell] = keep * self._reward[cell] + discount * reward
         self._led_to[cell] *= keep
         if following is not None:
-            self._led_to[cell][following] += 1.0
+            self._led_to[cell][following] += discount
 
     def returns(self, values: Table, prior: float = 0.0) -> Table:
         """G of every option: mean reward plus discounted value of where it led.
@@ -50,6 +58,6 @@ class Plan:
         Returns:
             [R, O]; 0 for an option without decisions and prior.
         """
-        total = self._reward + self._discount * (self._led_to @ values) + prior * values[:, None]
+        total = self._reward + self._led_to @ values + prior * values[:, None]
         returns: Table = total / np.maximum(self.count + prior, 1e-9)
         return returns

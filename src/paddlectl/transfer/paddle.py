@@ -245,7 +245,8 @@ class PlannedGuides(GuideChooser):
         super().__init__(target, candidates, lanes, rng)
         self.rules = settings
         memory = np.where(candidates.guides == TARGET, settings.target_memory, settings.source_memory)
-        self._plan = Plan(*self.shape, target.settings.clauses.discount, memory)
+        self._clauses = target.settings.clauses
+        self._plan = Plan(*self.shape, memory)
         self._returns = np.zeros(self.shape)
         self._similarity = np.repeat(candidates.similarity, LEVELS, axis=0)
         self._known = np.where(np.isfinite(self._similarity), self._similarity, 0.0)
@@ -283,7 +284,8 @@ class PlannedGuides(GuideChooser):
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         guide = self.candidates.guides[decision.candidate]
         self._repeats[lane, decision.situation, guide, decision.head] += 1
-        self._plan.record(decision.situation, decision.candidate, reward, following)
+        discount = float(self._clauses.discounts(np.array(decision.steps)))
+        self._plan.record(decision.situation, decision.candidate, reward, following, discount)
         if following is None:
             self._repeats[lane] = 0
             self._heard[lane] = False
