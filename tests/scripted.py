@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from paddlectl.hybrid.rollout import LEVELS
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.atoms import Predicate
 from paddlectl.tasks.base import Step, Task, Vocabulary
@@ -106,16 +107,19 @@ class ByScript:
 
 
 class Teller:
-    """A chooser that gives these heads in turn, the last for ever, and remembers what it was told."""
+    """Gives these heads in turn, the last for ever; a witness that remembers what it was told."""
 
     def __init__(self, heads: Iterable[int], guides: Sequence[int] = (0,)) -> None:
         self._heads = list(heads)
         self._guides = guides
         self.asked: list[list[tuple[int, int]]] = []
+        self.levels: list[list[int]] = []
         self.told: list = []
 
-    def choose(self, lanes, scenes):
+    def choose(self, lanes, situations):
+        scenes, levels = divmod(situations, LEVELS)
         self.asked.append(list(zip(lanes.tolist(), scenes.tolist(), strict=True)))
+        self.levels.append(levels.tolist())
         head = self._heads[min(len(self.asked), len(self._heads)) - 1]
         guides = np.array([self._guides[lane % len(self._guides)] for lane in lanes])
         return guides, np.full(len(lanes), head)

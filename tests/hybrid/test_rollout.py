@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from paddlectl.hybrid.rollout import Decisions, DecisionSettings, Episode, Rollout
+from paddlectl.hybrid.rollout import LEVELS, Decisions, DecisionSettings, Episode, Rollout
 from paddlectl.learners.clauses import ClauseLearner
 from paddlectl.logic.templates import scenes
 from scripted import (
@@ -31,7 +31,7 @@ SETTINGS = DecisionSettings(max_steps=5, reached_reward=1.0, delay_cost=0.5, fai
 
 def rollout(lanes, chooser, *actors, settings=SETTINGS, seed=0):
     reader = ClauseLearner((FAR,), scenes((FAR,)), TASK.heads, 0)
-    return Rollout(Corridor(lanes, seed), HORIZON, reader, chooser, actors, settings)
+    return Rollout(Corridor(lanes, seed), HORIZON, reader, chooser, actors, settings, [chooser])
 
 
 # The first episode of one lane: head asked for; action; whether the decision ends, has reached; intrinsic
@@ -105,9 +105,17 @@ def test_the_chooser_is_asked_when_a_decision_has_ended_and_told_what_came_of_it
     _, teller, _, _ = played
     scenes_asked = [NEAR_SCENE] * 3 + [FAR_SCENE] * 2 + [NEAR_SCENE]
     assert teller.asked == [[(0, scene)] for scene in scenes_asked]
-    told = [(*map(int, (o.scenes[0], o.heads[0], o.steps[0])), o.done[0]) for o in teller.told]
+    told = [(*map(int, (o.situations[0] // LEVELS, o.heads[0], o.steps[0])), o.done[0]) for o in teller.told]
     assert told[:5] == [(*each[:3], done) for each, done in zip(DECIDED, [False] * 4 + [True], strict=True)]
-    assert [o.next_scenes[0] for o in teller.told[:4]] == [NEAR_SCENE, NEAR_SCENE, FAR_SCENE, FAR_SCENE]
+    led_to = [int(o.next_situations[0] // LEVELS) for o in teller.told[:4]]
+    assert led_to == [NEAR_SCENE, NEAR_SCENE, FAR_SCENE, FAR_SCENE]
+
+
+def test_a_situation_tells_how_many_decisions_were_paid(played):
+    _, teller, _, _ = played
+    assert teller.levels == [[0], [1], [1], [1], [1], [0]]
+    assert [int(o.situations[0] % LEVELS) for o in teller.told] == [0, 1, 1, 1, 1, 0]
+    assert [int(o.next_situations[0] % LEVELS) for o in teller.told[:4]] == [1, 1, 1, 1]
 
 
 def test_returns_are_discounted_by_decision():

@@ -8,7 +8,7 @@ from paddlectl.hybrid import training
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
 from paddlectl.hybrid.rollout import Decisions, Episode
 from paddlectl.learners.ppo import PPOSettings
-from scripted import FAR_SCENE, GT_END, GT_TWO, HORIZON, NEAR_SCENE, RIGHT, STAY, TASK, ByScript
+from scripted import GT_END, GT_TWO, HORIZON, RIGHT, STAY, TASK, ByScript
 
 SMALL = HybridSettings(lanes=4, block=16, low_level=PPOSettings(epochs=1))
 
@@ -111,37 +111,3 @@ def test_crispness_is_over_the_scenes_on_the_path():
     assert training.crispness(policy, np.array([0.04, 1.0])) == pytest.approx(0.94)
     assert training.crispness(policy, np.array([0.05, 0.0])) == pytest.approx(0.6)
     assert training.crispness(policy, np.array([0.0, 0.0])) == 0.0
-
-
-def guided(guide, reached, reward):
-    return Episode(
-        0, 0, 9, reward, 9,
-        Decisions(
-            np.array([NEAR_SCENE, FAR_SCENE]), np.array([1, 2]), np.array([guide, guide]), np.array([3, 3]),
-            np.array([0.0, reward], np.float32), np.array([reached, reached]),
-        ),
-    )  # fmt: skip
-
-
-def probabilities_after(*episodes):
-    policy = HybridPolicy(TASK, 0, HybridSettings())
-    for _ in range(30):
-        training.update_clauses(policy, episodes)
-    return policy.clauses.probabilities()
-
-
-def test_guided_decisions_that_reached_are_imitated():
-    taught = probabilities_after(*[guided(1, True, 0.9)] * 4)
-    assert taught[NEAR_SCENE, TASK.heads.index(GT_TWO)] > 0.8
-    assert taught[FAR_SCENE, TASK.heads.index(GT_END)] > 0.8
-    for others in (guided(1, False, 0.9), guided(0, True, 0.9)):
-        assert probabilities_after(*[others] * 4)[NEAR_SCENE, TASK.heads.index(GT_TWO)] < 0.7
-
-
-def test_heads_that_the_task_lacks_are_passed_over():
-    policy = HybridPolicy(TASK, 0, HybridSettings())
-    before = policy.clauses.probabilities()
-    foreign = guided(1, True, 0.9)
-    foreign.decisions.heads[:] = 0
-    training.update_clauses(policy, [foreign])
-    assert (policy.clauses.probabilities() == before).all()
