@@ -99,6 +99,9 @@ class ByScript:
     def update(self, buffer):
         return {}
 
+    def anneal(self, done):
+        pass
+
     def state(self):
         return {}
 

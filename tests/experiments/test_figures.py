@@ -20,7 +20,7 @@ def test_a_short_curve_as_worked_by_hand():
     # after frames 1-9 nothing: 9·0; 10-19: 10·0.9; 20-49: 30·0.45; 50-99: 50·0.5; 100: 0.45
     assert found == pytest.approx(
         {
-            "jump_start": 0.45,
+            "jump_start": 1.8 / 100,  # of the first hundred started, those that didn't end count as 0
             "final_score": 0.45,
             "success_rate": 0.75,
             "area_under_curve": (9 + 13.5 + 25 + 0.45) / 100,
@@ -35,9 +35,9 @@ def test_the_jump_start_is_of_the_first_started_and_the_end_of_the_last_ended():
     found = figures(quick + slow, 1000)
     assert found["jump_start"] == 0.0
     assert (found["final_score"], found["success_rate"]) == (0.0, 0.0)
-    half = figures(quick + slow[:50], 1000)
-    assert half["jump_start"] == pytest.approx(0.4)  # 50 slow ones and the first 50 of the quick
-    assert (half["final_score"], half["success_rate"]) == (pytest.approx(0.4), 0.5)
+    half = figures(quick + [(order, 200 + order, 0.6) for order in range(50)], 1000)
+    assert half["jump_start"] == pytest.approx(0.3)  # fifty of the first hundred never ended
+    assert (half["final_score"], half["success_rate"]) == (pytest.approx(0.7), 1.0)
 
 
 def test_the_area_is_over_the_latest_hundred():
