@@ -82,8 +82,9 @@ def curve_figures(episodes: Sequence[Episode], frames: int) -> dict[str, float]:
 
     Returns:
         `jump_start`: mean score of the first 100 episodes started; lanes that finish early are the lucky
-        ones, so one that didn't end within the run counts as 0. `final_score` and `success_rate`: of the last 100 that ended. `area_under_curve`: mean over
-        100 equal spans of the run of the mean score of the latest 100 episodes, 0 before the first.
+        ones, so one that didn't end within the run counts as 0. `final_score` and `success_rate`: of the
+        last 100 that ended. `area_under_curve`: mean over 100 equal spans of the run of the mean score of
+        the latest 100 episodes, 0 before the first.
     """
     scores = np.array([episode.score for episode in episodes])
     ended = np.array([episode.finished for episode in episodes])

@@ -66,6 +66,7 @@ def train(policy: HybridPolicy, seed: int, frames: int) -> Iterator[Round]:
     buffer = RolloutBuffer.empty(settings.block, settings.lanes, environment.observation_size)
     while rollout.frames < frames:
         episodes = rollout.collect(buffer)
+        policy.low_level.anneal(rollout.frames / frames)
         policy.low_level.update(buffer)
         credit.update(episodes)
         chooser.refresh()

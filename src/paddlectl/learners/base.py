@@ -22,6 +22,9 @@ class Learner(Actor, Protocol):
     def update(self, buffer: RolloutBuffer) -> dict[str, float]:
         """Learns from one block of experience; gives mean losses by name."""
 
+    def anneal(self, done: float) -> None:
+        """Told which share of the budget is used up, in [0, 1]."""
+
     def state(self) -> dict[str, torch.Tensor]:
         """The networks' tensors by name."""
 

@@ -16,7 +16,9 @@ class PPOSettings:
     """Table 1's values where it has them; the others are the usual ones.
 
     Attributes:
-        learning_rate: Of RMSProp, for both networks.
+        learning_rate: Of RMSProp, for both networks, at the start.
+        final_rate: Share of it that is left at the end of the budget; it falls in a straight line. A
+            constant rate keeps a good policy shaking: now and then it stalls before a door.
         discount: γ_l per step.
         trace_decay: λ of GAE.
         clip: Of the probability ratio.
@@ -29,6 +31,7 @@ class PPOSettings:
     """
 
     learning_rate: float = 5e-4
+    final_rate: float = 0.05
     discount: float = 0.99
     trace_decay: float = 0.95
     clip: float = 0.2
@@ -96,6 +99,12 @@ class PPO:
                 loss = self._cloning_loss(observations[batch], actions[batch], returns[batch])
                 gradient_step(self.optimiser, loss, self.settings.max_gradient_norm)
         return {"loss": float(np.mean(losses)) if losses else 0.0}
+
+    def anneal(self, done: float) -> None:
+        """Sets the learning rate for the share of the budget that is used up, in [0, 1]."""
+        share = 1.0 - (1.0 - self.settings.final_rate) * min(done, 1.0)
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.settings.learning_rate * share
 
     def state(self) -> dict[str, torch.Tensor]:
         """The networks' tensors by name."""

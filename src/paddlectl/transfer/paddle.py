@@ -311,6 +311,7 @@ def learn(
     chooser.refresh()
     while rollout.frames < frames:
         episodes = rollout.collect(buffer)
+        target.low_level.anneal(rollout.frames / frames)
         target.low_level.update(buffer)
         credit.update(episodes)
         chooser.refresh()
