@@ -232,6 +232,20 @@ def test_a_guide_that_was_in_vain_is_not_asked_again_in_this_episode():
     assert first_again <= 4
 
 
+def test_even_the_best_source_is_not_asked_twice_in_vain():
+    chooser = one_of_each("default", target(), sources(WALK, "1.0 :: gt_two() :- far()"))
+    last_guides(chooser, {1: 0.9, 2: 0.75})
+    led = []
+    for _ in range(10):
+        first, head = decide(chooser, FAR_SCENE)
+        tell(chooser, FAR_SCENE, head, 0.0, following=FAR_SCENE)
+        second, head = decide(chooser, FAR_SCENE)
+        tell(chooser, FAR_SCENE, head, 0.9, reached=True)
+        led.append((first, second))
+    assert sum(first == 1 for first, _ in led) >= 7
+    assert (1, 1) not in led
+
+
 def test_the_next_episode_forgives():
     """A source that is worth a lot is asked first, though its last decision of the last episode failed."""
     chooser = one_of_each("default", target(), sources(WALK))
