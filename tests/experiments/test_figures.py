@@ -1,9 +1,8 @@
-"""The figures of a learning curve, worked by hand, and how a run's end is told."""
+"""The figures of a learning curve, worked by hand."""
 
 import pytest
 
 from paddlectl.experiments.log import curve_figures
-from paddlectl.experiments.sources import mastered
 from paddlectl.hybrid.rollout import Decisions, Episode
 
 
@@ -50,22 +49,3 @@ def test_the_area_is_over_the_latest_hundred():
 def test_a_run_without_episodes_has_figures_of_zero():
     nothing = {"jump_start": 0.0, "final_score": 0.0, "success_rate": 0.0, "area_under_curve": 0.0}
     assert figures([], 4096) == nothing
-
-
-# episodes, solved of them, crispness: mastered?
-MASTERY = [
-    (500, 500, 0.95, True),
-    (500, 495, 0.99, True),
-    (500, 494, 0.99, False),
-    (500, 500, 0.90, False),
-    (499, 499, 0.99, False),
-    (0, 0, 0.99, False),
-]
-
-
-@pytest.mark.parametrize(("count", "solved", "crisp", "expected"), MASTERY)
-def test_a_source_is_mastered_when_it_is_solved_nearly_always_by_a_crisp_program(
-    count, solved, crisp, expected
-):
-    recent = [episode(n, n, 0.9 if n < solved else 0.0) for n in range(count)]
-    assert mastered(recent, crisp) == expected

@@ -178,3 +178,10 @@ def test_state_is_taken_back():
 def test_another_networks_tensors_are_refused():
     with pytest.raises(RuntimeError):
         PPO(3, 3, seed=0).load(PPO(4, 3, seed=0).state())
+
+
+def test_the_learning_rate_falls_in_a_straight_line():
+    learner = PPO(2, 2, seed=0, settings=PPOSettings(learning_rate=0.1, final_rate=0.2))
+    for done, rate in [(0.0, 0.1), (0.5, 0.06), (1.0, 0.02), (1.3, 0.02)]:
+        learner.anneal(done)
+        assert learner.optimiser.param_groups[0]["lr"] == pytest.approx(rate)
