@@ -21,6 +21,10 @@ class GuidanceSettings:
             (1 - fading^n)·Φ. Under the paper's sum a well matched source that fails for ever keeps its ψ.
         curiosity: Λ of the target is at least this. Where no source gains anything more than this,
             the target explores, at once, and only there.
+        least_reached: A source that reached its subgoal in less than this share of its decisions in a
+            situation isn't asked there any more, once it was asked `trials` times. To fail and be asked
+            again costs little by the plan; to the target it costs the time in which it would learn.
+        trials: Decisions by which `least_reached` judges.
         repeat_penalty: Taken off a candidate's Λ for each earlier decision of its guide for the same subgoal
             in this scene of this episode: the subgoal was missed, or the episode came back. A frozen
             source that is stuck stays stuck, and two that undo each other's work would do so for ever.
@@ -34,6 +38,8 @@ class GuidanceSettings:
 
     fading: float = 0.7
     curiosity: float = 0.05
+    least_reached: float = 0.2
+    trials: int = 8
     repeat_penalty: float = 0.3
     audition_rate: float = 0.1
     audition_samples: float = 5.0

@@ -18,6 +18,9 @@ from paddlectl.transfer.guidance import GuidanceSettings, choose_guide, faded_we
 from paddlectl.transfer.performance import MeanReturns, Table, performance
 from paddlectl.transfer.similarity import SceneMapping
 
+DROPPED = 1.0
+"""Taken off Λ of a source that is dropped from a situation: below anything that the target may have."""
+
 
 @dataclass(frozen=True)
 class Source:
@@ -248,6 +251,8 @@ class PlannedGuides(GuideChooser):
         self._clauses = target.settings.clauses
         self._plan = Plan(*self.shape, memory)
         self._returns = np.zeros(self.shape)
+        self._tried = np.zeros(self.shape, np.intp)
+        self._hits = np.zeros(self.shape, np.intp)
         self._similarity = np.repeat(candidates.similarity, LEVELS, axis=0)
         self._known = np.where(np.isfinite(self._similarity), self._similarity, 0.0)
         self._leading_head = candidates.heads.argmax(-1)
@@ -260,12 +265,21 @@ class PlannedGuides(GuideChooser):
         rules = self.rules
         weights = faded_weight(self._known, self._returns, self._plan.count, rules.fading)
         weights[np.isneginf(self._similarity)] = -np.inf
+        weights[self._hopeless()] -= DROPPED
         measured = self._plan.count[:, TARGET] >= rules.audition_samples
         merit = np.where(measured, self._returns[:, TARGET], 0.0)
         weights[:, TARGET] = np.maximum(merit, rules.curiosity)
         self._returns = self._plan.returns(weights.max(-1))
         weights[:, TARGET] += rules.target_margin * measured
         return Weighing(self._similarity, self._returns, weights)
+
+    def _hopeless(self) -> Bools:
+        """Sources that hardly ever reach their subgoal in a situation. [R, C]"""
+        hopeless: Bools = (self._tried >= self.rules.trials) & (
+            self._hits < self.rules.least_reached * self._tried
+        )
+        hopeless[:, TARGET] = False
+        return hopeless
 
     def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
         leading = np.tile(self._leading_head, (len(lanes), 1))
@@ -284,6 +298,8 @@ class PlannedGuides(GuideChooser):
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         guide = self.candidates.guides[decision.candidate]
         self._repeats[lane, decision.situation, guide, decision.head] += 1
+        self._tried[decision.situation, decision.candidate] += 1
+        self._hits[decision.situation, decision.candidate] += decision.reached
         discount = float(self._clauses.discounts(np.array(decision.steps)))
         self._plan.record(decision.situation, decision.candidate, reward, following, discount)
         if following is None:
