@@ -18,7 +18,7 @@ FRAMES = 64 * 64  # of one block
 
 
 def test_rows_are_in_the_order_of_the_jobs(trained):
-    assert [row["task"] for row in trained.rows] == ["GapBall", "BlockedDoor", "GapBall"]
+    assert [row["task"] for row in trained.rows] == ["GapBall", "BlockedDoor"]
     for row in trained.rows:
         assert set(row) == {
             "run", "policy", "task", "seed", "frames", "episodes", "seconds",
@@ -29,7 +29,7 @@ def test_rows_are_in_the_order_of_the_jobs(trained):
 
 def test_runs_are_finished_and_their_policies_kept(trained):
     runs = {run.id: run for run in trained.registry.runs()}
-    assert len(runs) == 3
+    assert len(runs) == 2
     for row in trained.rows:
         run, policy = runs[row["run"]], trained.registry.policy(row["policy"])
         assert (run.kind, run.method, run.task, run.status) == ("train", "hdm", row["task"], "finished")
@@ -43,7 +43,7 @@ def test_runs_are_finished_and_their_policies_kept(trained):
 
 
 def test_progress_is_told_by_job(trained):
-    assert {index for index, _ in trained.told} == {0, 1, 2}
+    assert {index for index, _ in trained.told} == {0, 1}
     for index, progress in trained.told:
         assert progress.run == trained.rows[index]["run"]
         assert progress.frames == FRAMES
@@ -57,13 +57,6 @@ def test_a_train_run_leaves_its_tables(trained):
         }  # fmt: skip
         episodes = trained.registry.read_rows(row["run"], "episodes")
         assert len(episodes) == row["episodes"]
-
-
-def test_equal_seeds_give_equal_policies_in_two_processes(trained):
-    one, _, same = (trained.registry.policy(row["policy"]) for row in trained.rows)
-    assert one.run != same.run
-    assert one.checkpoint == same.checkpoint
-    assert (one.program, one.mean_length) == (same.program, same.mean_length)
 
 
 def test_a_kept_policy_is_revived_with_its_tensors(trained):
