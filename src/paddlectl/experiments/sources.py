@@ -18,7 +18,7 @@ from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 
-FRAMES = 200_000
+FRAMES = 150_000
 """Frames of a source's training. The learning rate falls to its end, so there is no stopping early."""
 
 RECENT = 500

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from paddlectl.hybrid.plan import Plan
+from paddlectl.hybrid.plan import Plan, Table
 from paddlectl.hybrid.rollout import LEVELS, Episode, Outcome
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseLearner
@@ -47,8 +47,9 @@ class CreditSettings:
 class PlannedCredit:
     """Eq. 1 with the advantages of the plan's returns, for all heads at once.
 
-    Decisions count as soon as they end, whoever made them: a guide that reaches its subgoal teaches the
-    target the head by its return.
+    Decisions count as soon as they end, whoever made them. A guided one that reached its subgoal is
+    imitated too, weighted by its return: a crisp guide always takes the same head, so there is no other
+    to have an advantage over.
 
     Args:
         clauses: The weights that learn.
@@ -64,13 +65,16 @@ class PlannedCredit:
         self._plan = Plan(situations, len(clauses.heads), settings.memory)
         self._values = np.zeros(situations)
         self._visits = np.zeros(situations)
+        self._guided = np.zeros((situations, len(clauses.heads)))
 
     def decided(self, outcome: Outcome) -> None:
         """Counts the decisions for the heads that the clauses know."""
         discounts = self._clauses.settings.discounts(outcome.steps)
-        for situation, head, discount, reward, done, following in zip(
+        taught = (outcome.guides != TARGET) & outcome.reached
+        for situation, head, guided, discount, reward, done, following in zip(
             outcome.situations,
             self._head_of[outcome.heads],
+            taught,
             discounts,
             outcome.rewards,
             outcome.done,
@@ -79,6 +83,7 @@ class PlannedCredit:
         ):
             if head >= 0:
                 self._visits[situation] += 1
+                self._guided[situation, head] += guided
                 self._plan.record(situation, head, reward, None if done else following, discount)
 
     def update(self, episodes: Sequence[Episode]) -> None:
@@ -89,10 +94,21 @@ class PlannedCredit:
         for _ in range(self._settings.sweeps):
             returns = self._plan.returns(self._values, self._settings.prior)
             self._values = (policy * returns).sum(-1)
-        by_scene = (len(self._clauses.bodies), LEVELS)
-        advantages = (self._visits[:, None] * (returns - self._values[:, None])).reshape(*by_scene, -1).sum(1)
-        self._clauses.follow(advantages, self._visits.reshape(by_scene).sum(1), self._settings.steps)
+        advantages = self._visits[:, None] * (returns - self._values[:, None])
+        imitation = self._guided * returns
+        self._clauses.follow(
+            self._by_scene(advantages),
+            self._by_scene(imitation),
+            self._by_scene(self._visits),
+            self._settings.steps,
+        )
         self._visits[:] = 0.0
+        self._guided[:] = 0.0
+
+    def _by_scene(self, table: Table) -> Table:
+        """Summed over the levels of progress. [R, …] -> [S, …]"""
+        by_scene: Table = table.reshape(len(self._clauses.bodies), LEVELS, *table.shape[1:]).sum(1)
+        return by_scene
 
 
 class MonteCarloCredit:

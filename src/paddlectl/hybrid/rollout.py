@@ -109,6 +109,7 @@ class Outcome(NamedTuple):
     lanes: Ints
     situations: Ints
     heads: Ints
+    guides: Ints
     steps: Ints
     rewards: Floats
     reached: Bools
@@ -248,6 +249,7 @@ class Rollout:
             lanes,
             scenes * LEVELS + level,
             self._head[lanes],
+            self._guide[lanes],
             self._steps[lanes],
             rewards,
             reached[lanes],
@@ -257,7 +259,7 @@ class Rollout:
         place = (lanes, self._count[lanes])
         self._history.scenes[place] = scenes
         self._history.heads[place] = outcome.heads
-        self._history.guides[place] = self._guide[lanes]
+        self._history.guides[place] = outcome.guides
         self._history.steps[place] = outcome.steps
         self._history.rewards[place] = rewards
         self._history.reached[place] = outcome.reached

@@ -42,8 +42,8 @@ class GuidanceSettings:
     trials: int = 8
     repeat_penalty: float = 0.3
     audition_rate: float = 0.1
-    audition_samples: float = 5.0
-    target_margin: float = 0.03
+    audition_samples: float = 20.0
+    target_margin: float = 0.02
     source_memory: float = 300.0
     target_memory: float = 50.0
 

@@ -312,7 +312,8 @@ def learn(
 ) -> Iterator[Round]:
     """Algorithm 2: collects with the guides and trains the target, until `frames` are used up."""
     settings = target.settings
-    environment = target.task.make(settings.lanes, seed)
+    layouts = np.random.SeedSequence(seed).spawn(1)[0]
+    environment = target.task.make(settings.lanes, int(layouts.generate_state(1)[0]))
     credit = target.credit()
     rollout = Rollout(
         environment,
