@@ -25,17 +25,27 @@ class Learning:
     def learn(self, *episodes, guide=0, blocks=30):
         for _ in range(blocks):
             for decisions in episodes:
-                self._tell(decisions)
+                self._tell(decisions, guide)
             self._credit.update([_episode(decisions, guide) for decisions in episodes])
         return self
 
-    def _tell(self, decisions):
+    def _tell(self, decisions, guide):
         level = 0
         for number, (scene, head, reward, reached) in enumerate(decisions):
             done = number + 1 == len(decisions)
             paid = min(level + (reward > 0), LEVELS - 1)
             following = 0 if done else decisions[number + 1][0] * LEVELS + paid
-            columns = (0, scene * LEVELS + level, head, 3, np.float32(reward), reached, done, following)
+            columns = (
+                0,
+                scene * LEVELS + level,
+                head,
+                guide,
+                3,
+                np.float32(reward),
+                reached,
+                done,
+                following,
+            )
             self._credit.decided(Outcome(*(np.array([column]) for column in columns)))
             level = paid
 
@@ -62,13 +72,7 @@ def test_heads_that_lead_to_the_end_are_learned(planned):
     assert made.probability(FAR_SCENE, END) > 0.8
 
 
-@pytest.mark.parametrize(
-    "planned",
-    [
-        pytest.param(True, marks=pytest.mark.xfail(reason="heads never tried are worth what the guide's is")),
-        False,
-    ],
-)
+@KINDS
 def test_a_guide_that_reaches_its_subgoals_is_imitated(planned):
     made = Learning(planned).learn(SOLVED, guide=1)
     assert made.probability(NEAR_SCENE, TWO) > 0.6
