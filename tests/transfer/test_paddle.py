@@ -15,7 +15,7 @@ from paddlectl.learners.clauses import ClauseSettings
 from paddlectl.learners.ppo import PPO, PPOSettings
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
-from paddlectl.transfer import paddle
+from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.guidance import GuidanceSettings
 from paddlectl.transfer.similarity import map_scenes
 from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, TASK, TWO, ByScript, Corridor
@@ -39,7 +39,7 @@ def target(seed=0, settings=SMALL):
 
 def sources(*programs, actor=None):
     return [
-        paddle.Source(f"policy-{number}", f"Task{number}", parse_program(text), actor or ByScript(RIGHT))
+        guides.Source(f"policy-{number}", f"Task{number}", parse_program(text), actor or ByScript(RIGHT))
         for number, text in enumerate(programs, start=1)
     ]
 
@@ -48,7 +48,7 @@ def candidates(policy, given, sharpness=1.0):
     bodies = policy.clauses.bodies
     scenes = [Scene(body, frozenset(TASK.heads)) for body in bodies]
     mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in given})
-    return paddle.candidates_of(TASK, bodies, given, mapping, sharpness)
+    return guides.candidates_of(TASK, bodies, given, mapping, sharpness)
 
 
 def test_every_scene_that_is_a_best_match_is_a_candidate():
@@ -88,9 +88,9 @@ def one_of_each(mode, policy, given, lanes=1, seed=0):
     made = candidates(policy, given)
     rng = np.random.default_rng(seed)
     chooser = (
-        paddle.PaperGuides(policy, made, lanes, rng)
+        guides.PaperGuides(policy, made, lanes, rng)
         if mode == "paper"
-        else paddle.PlannedGuides(policy, made, lanes, rng, GuidanceSettings())
+        else guides.PlannedGuides(policy, made, lanes, rng, GuidanceSettings())
     )
     chooser.refresh()
     return chooser

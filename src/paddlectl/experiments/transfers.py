@@ -20,7 +20,7 @@ from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Similarity
 from paddlectl.tasks.suite import load
-from paddlectl.transfer import paddle
+from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.account import Account
 from paddlectl.transfer.documents import mapping_document
 from paddlectl.transfer.guidance import GuidanceSettings
@@ -81,18 +81,18 @@ def _guided(
     mapping, document = _mapping(target, sources, job.scenario.similarity)
     registry.write_document(run.id, "mapping", document)
     lanes, sharpness = target.settings.lanes, target.settings.sharpness
-    candidates = paddle.candidates_of(target.task, target.clauses.bodies, sources, mapping, sharpness)
+    candidates = guides.candidates_of(target.task, target.clauses.bodies, sources, mapping, sharpness)
     rng = np.random.default_rng(job.seed)
     chooser = (
-        paddle.PaperGuides(target, candidates, lanes, rng)
+        guides.PaperGuides(target, candidates, lanes, rng)
         if job.scenario.guidance.mode == "paper"
-        else paddle.PlannedGuides(target, candidates, lanes, rng, rules)
+        else guides.PlannedGuides(target, candidates, lanes, rng, rules)
     )
     rounds = paddle.learn(target, sources, chooser, job.seed, job.frames)
     yield from _accounted(rounds, registry, run, chooser, Account(chooser, sources), job.frames)
 
 
-def _source(registry: Registry, policy: str) -> paddle.Source:
+def _source(registry: Registry, policy: str) -> guides.Source:
     record = registry.policy(policy)
     actor = revive(registry, record).low_level
     try:
@@ -102,11 +102,11 @@ def _source(registry: Registry, policy: str) -> paddle.Source:
             f"the program of {record.id} is damaged: {error.message}",
             f"train it again: paddlectl train {record.task}",
         ) from error
-    return paddle.Source(record.id, record.task, program, actor)
+    return guides.Source(record.id, record.task, program, actor)
 
 
 def _mapping(
-    target: HybridPolicy, sources: Sequence[paddle.Source], weights: Similarity
+    target: HybridPolicy, sources: Sequence[guides.Source], weights: Similarity
 ) -> tuple[SceneMapping, dict[str, Any]]:
     scenes = [Scene(body, frozenset(target.task.heads)) for body in target.clauses.bodies]
     programs = {source.policy: scenes_of(source.program.clauses) for source in sources}
@@ -120,7 +120,7 @@ def _accounted(
     rounds: Iterator[Round],
     registry: Registry,
     run: RunRecord,
-    chooser: paddle.GuideChooser,
+    chooser: guides.GuideChooser,
     account: Account,
     frames: int,
 ) -> Iterator[Round]:
@@ -150,7 +150,7 @@ def _trace(
     trace: dict[str, Any],
     phase: str,
     episodes: Sequence[Episode],
-    traces: Sequence[Sequence[paddle.TracedDecision]],
+    traces: Sequence[Sequence[guides.TracedDecision]],
     account: Account,
 ) -> None:
     """The first solved episode of the early phase and the latest of the late; any if none is solved."""

@@ -9,7 +9,7 @@ from paddlectl.hybrid.rollout import LEVELS
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Clause
 from paddlectl.transfer.documents import body_document
-from paddlectl.transfer.paddle import GuideChooser, Source, TracedDecision
+from paddlectl.transfer.guides import GuideChooser, Source, TracedDecision
 
 TARGET_NAME = "target"
 

@@ -1,0 +1,306 @@
+"""Who leads: the candidates that Ψ names, weighed by Λ at each decision (Algorithm 2, lines 4-14)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from paddlectl.hybrid.plan import Plan
+from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, sharpened
+from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.learners.base import Actor
+from paddlectl.learners.buffers import TARGET
+from paddlectl.logic.clauses import Body, Program
+from paddlectl.tasks.base import Bools, Floats, Ints, Task
+from paddlectl.transfer.guidance import GuidanceSettings, choose_guide, faded_weight, guidance_weight
+from paddlectl.transfer.performance import MeanReturns, Table, performance
+from paddlectl.transfer.similarity import SceneMapping
+
+DROPPED = 1.0
+"""Taken off Λ of a source that is dropped from a situation: below anything that the target may have."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A frozen policy that may guide: its id, its task, its program and its low level."""
+
+    policy: str
+    task: str
+    program: Program
+    actor: Actor
+
+
+class Candidates(NamedTuple):
+    """Every (guide, source scene) that Ψ names; candidate 0 is the target itself.
+
+    Attributes:
+        guides: TARGET or the source's number, 1, 2, … [C]
+        heads: Head distribution over the domain's heads; the target's row is empty. [C, domain's H]
+        similarity: ψ, the target's own included; -inf where the scene is no best match. [S, C]
+        entropy: Of the head distribution, in nats. [C]
+    """
+
+    guides: Ints
+    heads: Floats
+    similarity: Table
+    entropy: Table
+
+
+def candidates_of(
+    task: Task, bodies: Sequence[Body], sources: Sequence[Source], mapping: SceneMapping, sharpness: float
+) -> Candidates:
+    """Numbers the matches of Ψ, in the order of the sources."""
+    guides, rows, columns = [TARGET], [np.zeros(len(task.domain_heads))], []
+    columns.append([mapping.self_similarity(body) for body in bodies])
+    for number, source in enumerate(sources, start=1):
+        matches = [{m.policy: m for m in mapping.rows[body]}.get(source.policy) for body in bodies]
+        for scene in dict.fromkeys(scene.body for match in matches if match for scene in match.scenes):
+            policy = source.program.policy(scene)
+            guides.append(number)
+            rows.append(np.array([policy.get(head, 0.0) for head in task.domain_heads]))
+            columns.append(
+                [m.similarity if m and scene in [s.body for s in m.scenes] else -np.inf for m in matches]
+            )
+    heads = np.array(rows)
+    heads[1:] /= heads[1:].sum(-1, keepdims=True)
+    entropy = -(heads * np.log(np.where(heads > 0, heads, 1.0))).sum(-1)
+    leading = heads.astype(np.float32)
+    leading[1:] = sharpened(leading[1:], sharpness)
+    return Candidates(np.array(guides), leading, np.array(columns).T, entropy)
+
+
+class Weighing(NamedTuple):
+    """The tables behind one choice. Each is [S, C]."""
+
+    similarity: Table
+    performance: Table
+    weight: Table
+
+
+class TracedDecision(NamedTuple):
+    """One decision of an episode, with the weights by which its guide was chosen.
+
+    Attributes:
+        candidate: The one that led.
+        weights: Λ of each candidate, this episode's penalties included. [C]
+        audition: The target led to be measured, not for its weight.
+    """
+
+    situation: int
+    candidate: int
+    head: int
+    steps: int
+    reached: bool
+    audition: bool
+    similarity: Table
+    performance: Table
+    weights: Table
+
+
+class GuideChooser:
+    """Scene → Λ of every candidate → guide → subgoal.
+
+    Its tables have a row for each situation (`rollout.LEVELS`).
+
+    Attributes:
+        candidates: Who may lead where.
+        traces: The decisions of each episode that ended since `clear`, in order of ending.
+        decisions, chosen, reached: How often a situation came up, a candidate led there, and reached its
+            subgoal, since `clear`. [R], [R, C], [R, C]
+    """
+
+    def __init__(
+        self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator
+    ) -> None:
+        scenes = len(target.clauses.bodies)
+        self.target = target
+        self.candidates = candidates
+        self.shape = (scenes * LEVELS, len(candidates.guides))
+        self.traces: list[list[TracedDecision]] = []
+        self._rng = rng
+        self._own_heads = domain_heads(target.task)
+        self._present: list[TracedDecision | None] = [None] * lanes
+        self._episode: list[list[TracedDecision]] = [[] for _ in range(lanes)]
+        self.clear()
+
+    def clear(self) -> None:
+        """Starts the counts and traces anew."""
+        self.traces = []
+        self.decisions = np.zeros(self.shape[0], np.intp)
+        self.chosen = np.zeros(self.shape, np.intp)
+        self.reached = np.zeros(self.shape, np.intp)
+
+    def refresh(self) -> None:
+        """Reads the target's clause weights anew, after an update."""
+        self._own = self.target.clauses.probabilities()
+
+    def weigh(self) -> Weighing:
+        """ψ, Φ and Λ of every candidate in every situation. [R, C] each"""
+        raise NotImplementedError
+
+    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+        """The guide and the head for each lane. [n], [n]"""
+        weighing = self.weigh()
+        weights = self._lane_weights(weighing.weight, lanes, situations)
+        chosen = choose_guide(weights, self._rng)
+        audition = self._auditions(lanes, situations // LEVELS, chosen)
+        chosen[audition] = TARGET
+        heads = self._heads(chosen, situations // LEVELS)
+        for lane, situation, candidate, head, heard, weight in zip(
+            lanes, situations, chosen, heads, audition, weights, strict=True
+        ):
+            self._present[lane] = TracedDecision(
+                int(situation),
+                int(candidate),
+                int(head),
+                0,
+                False,
+                bool(heard),
+                weighing.similarity[situation],
+                weighing.performance[situation],
+                weight,
+            )
+        return self.candidates.guides[chosen], heads
+
+    def decided(self, outcome: Outcome) -> None:
+        """Counts what came of the decisions that ended."""
+        for lane, steps, reward, reached, done, following in zip(
+            outcome.lanes,
+            outcome.steps,
+            outcome.rewards,
+            outcome.reached,
+            outcome.done,
+            outcome.next_situations,
+            strict=True,
+        ):
+            present = self._present[lane]
+            assert present is not None
+            decision = present._replace(steps=int(steps), reached=bool(reached))
+            self._episode[lane].append(decision)
+            self.decisions[decision.situation] += 1
+            self.chosen[decision.situation, decision.candidate] += 1
+            self.reached[decision.situation, decision.candidate] += reached
+            self._learn(lane, decision, float(reward), None if done else int(following))
+            if done:
+                self.traces.append(self._episode[lane])
+                self._episode[lane] = []
+
+    def _heads(self, chosen: Ints, scenes: Ints) -> Ints:
+        heads = sample_rows(self.candidates.heads[chosen], self._rng)
+        own = chosen == TARGET
+        heads[own] = self._own_heads[sample_rows(self._own[scenes[own]], self._rng)]
+        return heads
+
+    def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
+        return weights[situations]
+
+    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
+        return np.zeros(len(lanes), np.bool_)
+
+    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
+        raise NotImplementedError
+
+
+class PaperGuides(GuideChooser):
+    """`guidance: paper`: Λ = ψ + Φ over running mean returns, Eqs. 2 and 3 to the letter."""
+
+    def __init__(
+        self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator
+    ) -> None:
+        super().__init__(target, candidates, lanes, rng)
+        self._returns = MeanReturns(candidates.similarity.shape)
+        self._rewards: list[list[float]] = [[] for _ in range(lanes)]
+
+    def weigh(self) -> Weighing:
+        """ψ + Φ, the same at every level of progress. [R, C] each"""
+        psi = self.candidates.similarity
+        entropy = np.broadcast_to(self.candidates.entropy, psi.shape).copy()
+        entropy[:, TARGET] = -(self._own * np.log(self._own + 1e-12)).sum(-1)
+        phi = performance(self._returns.mean, entropy)
+        tables = (psi, phi, guidance_weight(psi, phi))
+        return Weighing(*(np.repeat(table, LEVELS, axis=0) for table in tables))
+
+    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
+        self._rewards[lane].append(reward)
+        if following is not None:
+            return
+        return_ = 0.0
+        discount = self.target.settings.clauses.discount
+        for made, earned in zip(reversed(self._episode[lane]), reversed(self._rewards[lane]), strict=True):
+            return_ = earned + discount * return_
+            self._returns.record(made.situation // LEVELS, made.candidate, return_)
+        self._rewards[lane] = []
+
+
+class PlannedGuides(GuideChooser):
+    """`guidance: default`: the rules of `GuidanceSettings` over planned returns."""
+
+    def __init__(
+        self,
+        target: HybridPolicy,
+        candidates: Candidates,
+        lanes: int,
+        rng: np.random.Generator,
+        settings: GuidanceSettings,
+    ) -> None:
+        super().__init__(target, candidates, lanes, rng)
+        self.rules = settings
+        memory = np.where(candidates.guides == TARGET, settings.target_memory, settings.source_memory)
+        self._clauses = target.settings.clauses
+        self._plan = Plan(*self.shape, memory)
+        self._returns = np.zeros(self.shape)
+        self._tried = np.zeros(self.shape, np.intp)
+        self._hits = np.zeros(self.shape, np.intp)
+        self._similarity = np.repeat(candidates.similarity, LEVELS, axis=0)
+        self._known = np.where(np.isfinite(self._similarity), self._similarity, 0.0)
+        self._leading_head = candidates.heads.argmax(-1)
+        guides_and_heads = int(candidates.guides.max()) + 1, candidates.heads.shape[1]
+        self._repeats = np.zeros((lanes, self.shape[0], *guides_and_heads), np.float32)
+        self._heard = np.zeros(lanes, np.bool_)
+
+    def weigh(self) -> Weighing:
+        """ψ faded into the planned Φ; the target by merit, or out of curiosity. [R, C] each"""
+        rules = self.rules
+        weights = faded_weight(self._known, self._returns, self._plan.count, rules.fading)
+        weights[np.isneginf(self._similarity)] = -np.inf
+        weights[self._hopeless()] -= DROPPED
+        measured = self._plan.count[:, TARGET] >= rules.audition_samples
+        merit = np.where(measured, self._returns[:, TARGET], 0.0)
+        weights[:, TARGET] = np.maximum(merit, rules.curiosity)
+        self._returns = self._plan.returns(weights.max(-1))
+        weights[:, TARGET] += rules.target_margin * measured
+        return Weighing(self._similarity, self._returns, weights)
+
+    def _hopeless(self) -> Bools:
+        """Sources that hardly ever reach their subgoal in a situation. [R, C]"""
+        hopeless: Bools = (self._tried >= self.rules.trials) & (
+            self._hits < self.rules.least_reached * self._tried
+        )
+        hopeless[:, TARGET] = False
+        return hopeless
+
+    def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
+        leading = np.tile(self._leading_head, (len(lanes), 1))
+        leading[:, TARGET] = self._own_heads[self._own[situations // LEVELS].argmax(-1)]
+        repeats = self._repeats[lanes[:, None], situations[:, None], self.candidates.guides, leading]
+        penalised: Table = weights[situations] - self.rules.repeat_penalty * repeats
+        penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.curiosity)
+        return penalised
+
+    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
+        rate = self.rules.audition_rate * self._own[scenes].max(-1)
+        heard: Bools = (chosen != TARGET) & ~self._heard[lanes] & (self._rng.random(len(lanes)) < rate)
+        self._heard[lanes] |= heard
+        return heard
+
+    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
+        guide = self.candidates.guides[decision.candidate]
+        self._repeats[lane, decision.situation, guide, decision.head] += 1
+        self._tried[decision.situation, decision.candidate] += 1
+        self._hits[decision.situation, decision.candidate] += decision.reached
+        discount = float(self._clauses.discounts(np.array(decision.steps)))
+        self._plan.record(decision.situation, decision.candidate, reward, following, discount)
+        if following is None:
+            self._repeats[lane] = 0
+            self._heard[lane] = False
