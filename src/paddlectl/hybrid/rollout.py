@@ -120,6 +120,9 @@ class Outcome(NamedTuple):
 class Chooser(Protocol):
     """Who decides: a program, or the guidance over several."""
 
+    def refresh(self) -> None:
+        """Reads the learning policy's clause weights anew; called before each block."""
+
     def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
         """The guide and the head, as an index into the domain's heads, for each lane. [n], [n]"""
 

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from paddlectl.hybrid.policy import HybridPolicy, OwnProgram
-from paddlectl.hybrid.rollout import Episode, Rollout
+from paddlectl.hybrid.rollout import Chooser, Episode, Rollout, Witness
+from paddlectl.learners.base import Actor
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.clauses import Program
 from paddlectl.tasks.base import Bools, Ints, Task
@@ -48,28 +49,49 @@ class Evaluation:
 
 
 def train(policy: HybridPolicy, seed: int, frames: int) -> Iterator[Round]:
-    """Learns from scratch until `frames` are used up; the consumer stops earlier by leaving off."""
-    settings = policy.settings
+    """Learns from scratch until `frames` are used up; the consumer may leave off earlier."""
     layouts, choices = np.random.SeedSequence(seed).spawn(2)
-    environment = policy.task.make(settings.lanes, int(layouts.generate_state(1)[0]))
     chooser = OwnProgram(policy, np.random.default_rng(choices))
+    return learn(policy, chooser, [policy.low_level], layouts, frames)
+
+
+def learn(
+    policy: HybridPolicy,
+    chooser: Chooser,
+    actors: Sequence[Actor],
+    layouts: np.random.SeedSequence,
+    frames: int,
+    witnesses: Sequence[Witness] = (),
+) -> Iterator[Round]:
+    """Collect, update both levels, again: whoever it is that decides and acts, `policy` learns from it.
+
+    Args:
+        policy: Who learns.
+        chooser: Who decides.
+        actors: The low level of each guide that the chooser may name; the policy's own first.
+        layouts: Seed of the layouts.
+        frames: The budget.
+        witnesses: Told of the decisions, besides the policy's own credit.
+    """
+    settings = policy.settings
+    environment = policy.task.make(settings.lanes, int(layouts.generate_state(1)[0]))
     credit = policy.credit()
     rollout = Rollout(
         environment,
         policy.task.horizon,
         policy.clauses,
         chooser,
-        [policy.low_level],
+        actors,
         settings.decisions,
-        [credit],
+        [*witnesses, credit],
     )
     buffer = RolloutBuffer.empty(settings.block, settings.lanes, environment.observation_size)
     while rollout.frames < frames:
+        chooser.refresh()
         episodes = rollout.collect(buffer)
         policy.low_level.anneal(rollout.frames / frames)
         policy.low_level.update(buffer)
         credit.update(episodes)
-        chooser.refresh()
         yield Round(rollout.frames, episodes)
 
 
