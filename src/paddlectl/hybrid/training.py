@@ -49,7 +49,7 @@ class Evaluation:
 
 
 def train(policy: HybridPolicy, seed: int, frames: int) -> Iterator[Round]:
-    """Learns from scratch until `frames` are used up; the consumer may leave off earlier."""
+    """Learns from scratch within `frames`; the consumer may leave off earlier."""
     layouts, choices = np.random.SeedSequence(seed).spawn(2)
     chooser = OwnProgram(policy, np.random.default_rng(choices))
     return learn(policy, chooser, [policy.low_level], layouts, frames)
@@ -70,7 +70,7 @@ def learn(
         chooser: Who decides.
         actors: The low level of each guide that the chooser may name; the policy's own first.
         layouts: Seed of the layouts.
-        frames: The budget.
+        frames: The budget: as many whole blocks as it holds, and one at least.
         witnesses: Told of the decisions, besides the policy's own credit.
     """
     settings = policy.settings
@@ -86,7 +86,7 @@ def learn(
         [*witnesses, credit],
     )
     buffer = RolloutBuffer.empty(settings.block, settings.lanes, environment.observation_size)
-    while rollout.frames < frames:
+    for _ in range(max(1, frames // (settings.block * settings.lanes))):
         chooser.refresh()
         episodes = rollout.collect(buffer)
         policy.low_level.anneal(rollout.frames / frames)

@@ -13,7 +13,7 @@ from paddlectl.transfer.guides import GuideChooser, Source
 def learn(
     target: HybridPolicy, sources: Sequence[Source], chooser: GuideChooser, seed: int, frames: int
 ) -> Iterator[Round]:
-    """Algorithm 2 over lanes, until `frames` are used up.
+    """Algorithm 2 over lanes, within `frames`.
 
     At each decision the scene is looked up in Ψ and the candidate of largest Λ leads (lines 5-14,
     `GuideChooser.choose`); its return is taken down (lines 16-19, `GuideChooser.decided`); after each
