@@ -42,7 +42,7 @@ def test_training_is_a_function_of_its_seed():
 def test_training_stays_within_its_frames():
     _, rounds = train(0, frames=130)
     assert [round_.frames for round_ in rounds] == [64, 128]
-    assert sum(len(round_.episodes) for round_ in rounds) >= 3 * 4
+    assert sum(len(round_.episodes) for round_ in rounds) >= 2 * 4
     orders = sorted(episode.order for round_ in rounds for episode in round_.episodes)
     assert len(set(orders)) == len(orders)
 
