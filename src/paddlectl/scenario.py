@@ -121,6 +121,7 @@ def load_scenario(path: Path) -> Scenario:
 def unknown(kind: str, name: str, known: tuple[str, ...]) -> str:
     """`unknown task 'BoxDor'; did you mean 'BoxDoor'?`, or all that there are if none is near."""
     lowered = {other.lower(): other for other in known}
+    name = name if len(name) <= 80 else f"{name[:80]}…"
     near = get_close_matches(name.lower(), lowered, n=1)
     advice = f"did you mean {lowered[near[0]]!r}?" if near else f"there are {', '.join(known)}"
     return f"unknown {kind} {name!r}; {advice}"
@@ -128,8 +129,9 @@ def unknown(kind: str, name: str, known: tuple[str, ...]) -> str:
 
 def _read(path: Path) -> str:
     if not path.exists():
-        near = get_close_matches(path.name, [other.name for other in path.parent.glob("*.yaml")], n=1)
-        raise NotFoundError(f"no file {path}", f"did you mean {path.parent / near[0]}?" if near else "")
+        lowered = {other.name.lower(): other for other in path.parent.glob("*.yaml")}
+        near = get_close_matches(path.name.lower(), lowered, n=1)
+        raise NotFoundError(f"no file {path}", f"did you mean {lowered[near[0]]}?" if near else "")
     if not path.is_file():
         raise InvalidFileError(f"{path}:1:1: not a file")
     with path.open("rb") as stream:

@@ -20,7 +20,7 @@ def command(
 ) -> Iterator[Command]:
     """Runs one command line in this process, through its error boundary."""
     monkeypatch.setenv("PADDLECTL_REGISTRY", str(tmp_path / "registry"))
-    before = signal.getsignal(signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
 
     def run(*arguments: object) -> Answer:
         monkeypatch.setattr(sys, "argv", ["paddlectl", *map(str, arguments)])
@@ -31,7 +31,8 @@ def command(
         return Answer(code, out, err)
 
     yield run
-    signal.signal(signal.SIGTERM, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture

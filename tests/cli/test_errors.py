@@ -57,12 +57,15 @@ MISSING = [
     ("similarity --target BoxDor", "did you mean BoxDoor"),
     ("show policy-9", "no policy policy-9"),
     ("show DoorBall", "run: paddlectl train DoorBall"),
+    ("show GapBal", "did you mean GapBall? or run: paddlectl policies"),
+    ("show run-1", "run: paddlectl policies"),
     ("evaluate OpenGoal", "run: paddlectl train OpenGoal"),
     ("evaluate GapBall --task BoxDor", "did you mean BoxDoor"),
     (f"similarity --target {TARGET} --source DoorBall", "run: paddlectl train DoorBall"),
     ("explain run-77", "no run run-77"),
     ("explain run-1", "run: paddlectl show policy-1"),
     ("transfer nowhere.yaml", "no file nowhere.yaml"),
+    (f"transfer {ROOT}/scenarios/a.yaml", "scenarios/A.yaml?"),
     (f"transfer {ROOT}/scenarios/B.yaml", "run: paddlectl train DoorBall"),
 ]
 
@@ -114,6 +117,31 @@ def test_damaged_files_of_a_run_are_refused(
 ) -> None:
     (Path(registry.location) / "runs" / "run-3" / name).write_text(text)
     expect(command("explain", "run-3"), 5)
+    expect(command("explain", "run-3", "--json"), 5)
+
+
+WRONG = [
+    ("mapping.json", '"self_similarity": ', '"self_similarity": "x", "": '),
+    ("mapping.json", '"body": [', '"body": [3, '),
+    ("mapping.json", '"policy": ', '"policy": [1], "": '),
+    ("weights.jsonl", '"decisions": ', '"decisions": null, "": '),
+    ("weights.jsonl", '"chosen": ', '"chosen": "1", "": '),
+    ("weights.jsonl", '"weight": ', '"weight": "x", "": '),
+    ("trace.json", '"score_early": ', '"score_early": [], "": '),
+    ("trace.json", '"guide": ', '"guide": {}, "": '),
+    ("trace.json", '"similarity": ', '"similarity": true, "": '),
+]
+
+
+@pytest.mark.parametrize("name, sound, wrong", WRONG, ids=[wrong for *_, wrong in WRONG])
+def test_values_of_another_type_in_files_of_a_run_are_refused(
+    registry: Registry, command: Command, name: str, sound: str, wrong: str
+) -> None:
+    path = Path(registry.location) / "runs" / "run-3" / name
+    text = path.read_text()
+    assert sound in text
+    path.write_text(text.replace(sound, wrong, 1))
+    expect(command("explain", "run-3"), 5, f"{name} of run-3 isn't what a run writes")
     expect(command("explain", "run-3", "--json"), 5)
 
 
@@ -184,6 +212,17 @@ def test_a_reader_that_leaves_is_no_error(registry: Registry) -> None:
     assert len(done.stdout) == 10
 
 
+@pytest.mark.parametrize(
+    "closed, code", [("runs >&-", 0), ("runs --json 1>&- 2>&-", 0), ("runs <&-", 0), ("trian 2>&-", 2)]
+)
+def test_closed_streams_are_no_fault(registry: Registry, closed: str, code: int) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PADDLECTL_REGISTRY": registry.location}
+    line = f"{sys.executable} -m paddlectl {closed}"
+    done = subprocess.run(line, shell=True, env=environment, capture_output=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (code, b"")
+    assert (done.stdout == b"") == (closed != "runs <&-")
+
+
 SLOW = """
 import sys, time
 from paddlectl.cli import app
@@ -196,7 +235,7 @@ sys.exit(app.main())
 """
 
 
-@pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_an_interrupt_has_its_own_exit_code(number: signal.Signals, code: int) -> None:
     environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
     with subprocess.Popen(

@@ -4,11 +4,13 @@ Nothing here or at the top of a command's file imports more than Typer and the s
 so that `--help` and completion stay quick.
 """
 
+import io
 import os
 import signal
 import sys
 from collections.abc import Collection, Sequence
 from importlib import import_module
+from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
@@ -17,7 +19,6 @@ import typer
 from paddlectl.errors import PaddlectlError
 
 INTERRUPTED = 130
-TERMINATED = 143
 
 # What each command is for, as the docstring of its function says; known here so that `--help` loads none.
 COMMANDS = {
@@ -63,23 +64,39 @@ def _needed(arguments: Sequence[str]) -> Collection[str]:
 
 def main() -> int:
     """Runs one command of the command line and gives its exit code; no exception leaves but SystemExit."""
+    _mend_streams()
     signal.signal(signal.SIGTERM, _terminate)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # else nohup asked to go on
+        signal.signal(signal.SIGHUP, _terminate)
     try:
         code = _run(sys.argv[1:] or ["--help"])
         sys.stdout.flush()
     except BrokenPipeError:
         code = _reader_left()
-    return TERMINATED if _Terminated.seen else code
+    return 128 + _Terminated.number if _Terminated.number else code
+
+
+def _mend_streams() -> None:
+    """Leads streams that the caller closed nowhere, and lets text through that stdout's encoding lacks.
+
+    A file opened while a standard stream is closed would get its number, and what is printed.
+    """
+    nowhere = Path(os.devnull)
+    sys.stdin = sys.stdin or nowhere.open()
+    sys.stdout = sys.stdout or nowhere.open("w")
+    sys.stderr = sys.stderr or nowhere.open("w")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
 
 
 class _Terminated(KeyboardInterrupt):
-    """SIGTERM; what cleans up after ^C cleans up after it as well."""
+    """SIGTERM, or a terminal that was closed; what cleans up after ^C cleans up after them as well."""
 
-    seen = False
+    number = 0
 
 
-def _terminate(_signal: int, _frame: FrameType | None) -> NoReturn:
-    _Terminated.seen = True
+def _terminate(number: int, _frame: FrameType | None) -> NoReturn:
+    _Terminated.number = number
     raise _Terminated
 
 

@@ -64,8 +64,9 @@ def transfer(
     scenario = load_scenario(file)
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
     method = known_method(method or scenario.method)
-    opened = Registry.open(registry, create=train_missing)
-    sources = source_policies(opened, scenario, registry, train_missing)
+    alone = method == "hdm"  # learns from scratch, so it needs no source and no registry
+    opened = Registry.open(registry, create=train_missing or alone)
+    sources = () if alone else source_policies(opened, scenario, registry, train_missing)
     with stdout_kept():
         from paddlectl.experiments.processes import run_jobs
 

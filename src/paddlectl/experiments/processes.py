@@ -15,7 +15,7 @@ from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.jobs import Job, Progress, TrainJob
 
 _POLL = 0.2  # seconds between two looks at a silent queue
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE = 10.0  # seconds that a stopped process may take to mark its run
 
 
@@ -38,11 +38,12 @@ def run_jobs(
 
     Raises:
         PaddlectlError: What went wrong in one of them; the others are stopped and marked interrupted.
-        RuntimeError: With the traceback of a fault that nobody foresaw.
+        RuntimeError: For a fault that nobody foresaw, with its traceback as a note.
         KeyboardInterrupt: After the running ones were marked interrupted.
     """
     context = multiprocessing.get_context("spawn")
-    events: Any = context.Queue()
+    with _held_back():  # from the process that keeps its semaphores, too
+        events: Any = context.Queue()
     waiting = list(enumerate(jobs))[::-1]
     running: dict[int, BaseProcess] = {}
     rows: dict[int, dict[str, Any]] = {}
@@ -69,10 +70,10 @@ def run_jobs(
 
 @contextmanager
 def _held_back() -> Iterator[None]:
-    """Neither signal comes through meanwhile, nor to a process that is started in here.
+    """No signal to stop comes through meanwhile, nor to a process that is started in here.
 
-    A terminal sends ^C to all of them at once; were a run's process stopped by it and by its parent, the
-    second signal could strike while it marks its run.
+    A terminal sends ^C, or that it was closed, to all of them at once; were a run's process stopped by it
+    and by its parent, the second signal could strike while it marks its run.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     try:
@@ -121,9 +122,8 @@ def _work(index: int, job: Job, registry: str, events: Any) -> None:
     except KeyboardInterrupt:
         pass
     except Exception as error:
-        told = PaddlectlError(
-            f"a run failed: {type(error).__name__}: {error}", traceback.format_exc().strip()
-        )
+        told = RuntimeError(f"a run failed: {type(error).__name__}: {error}")
+        told.add_note(traceback.format_exc())
         events.put((index, told))
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)

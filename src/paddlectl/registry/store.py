@@ -310,10 +310,19 @@ def _best_policy(connection: Connection, task: str) -> PolicyRecord:
     best_first = (c.success_rate.desc(), c.mean_score.desc(), c.id.desc())
     row = connection.execute(select(policies).where(c.task == task).order_by(*best_first).limit(1)).first()
     if row is None:
-        # A high bar: many tasks have names that are alike, and this one may only lack a policy.
-        hint = _nearest(task, [str(name) for name in connection.scalars(select(c.task).distinct())], 0.85)
-        raise NotFoundError(f"no policy for {_shown(task)}", f"{hint}run: paddlectl train {_shown(task)}")
+        raise NotFoundError(f"no policy for {_shown(task)}", _way_to_policy(connection, task))
     return policy_record(row)
+
+
+def _way_to_policy(connection: Connection, task: str) -> str:
+    solved = [str(name) for name in connection.scalars(select(policies.c.task).distinct())]
+    # A high bar: many tasks have names that are alike, and this one may only lack a policy.
+    near = _nearest(task, solved, 0.85)
+    return (
+        f"{near}run: paddlectl policies"
+        if near or _ID.fullmatch(task)
+        else f"run: paddlectl train {_shown(task)}"
+    )
 
 
 def _nearest(name: str, known: Sequence[str], cutoff: float = 0.6) -> str:

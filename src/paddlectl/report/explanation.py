@@ -1,6 +1,6 @@
 """Why a transfer acted as it did, as one document made from what the run left; nothing is computed again."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from paddlectl.errors import IntegrityError
@@ -11,22 +11,22 @@ from paddlectl.report.programs import program_document
 TARGET = "target"
 PHASES = ("early", "late")
 
-_MAPPING = ("target", "sources", "scenes")
-_SCENE = ("body", "heads", "self_similarity", "matches")
-_MATCH = ("policy", "task", "similarity", "scenes")
-_WEIGHT = (
-    "phase",
-    "scene",
-    "policy",
-    "similarity",
-    "performance",
-    "weight",
-    "decisions",
-    "chosen",
-    "reached",
-)
-_DECISION = ("step", "scene", "clause", "guide", "weights", "head", "steps", "reached")
-_CANDIDATE = ("policy", "similarity", "performance", "weight")
+# What a run writes: the fields of each kind of row, and what their values are.
+_MAPPING = {"target": str, "sources": [str], "scenes": list}
+_SCENE = {"body": [str], "heads": [str], "self_similarity": float, "matches": list}
+_MATCH = {"policy": str, "task": str, "similarity": float, "scenes": [[str]]}
+_WEIGHING = {"policy": str, "similarity": float, "performance": float, "weight": float}
+_WEIGHT = {"phase": str, "scene": [str], "decisions": int, "chosen": int, "reached": int, **_WEIGHING}
+_DECISION = {
+    "step": int,
+    "scene": [str],
+    "clause": str,
+    "guide": str,
+    "weights": list,
+    "head": str,
+    "steps": int,
+    "reached": bool,
+}
 
 
 def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
@@ -63,16 +63,27 @@ def _check(run: str, mapping: Any, weights: Any, trace: Any) -> None:
         for scene in mapping["scenes"]:
             _demand(run, "mapping.json", scene["matches"], _MATCH)
     _demand(run, "weights.jsonl", weights, _WEIGHT)
-    _demand(run, "trace.json", [trace], ())
+    _demand(run, "trace.json", [trace], {})
     for phase in PHASES:
+        _demand(run, "trace.json", [{"score": trace.get(f"score_{phase}", 0.0)}], {"score": float})
         _demand(run, "trace.json", trace.get(phase, []), _DECISION)
         for decision in trace.get(phase, []):
-            _demand(run, "trace.json", decision["weights"], _CANDIDATE)
+            _demand(run, "trace.json", decision["weights"], _WEIGHING)
 
 
-def _demand(run: str, file: str, rows: Any, fields: Iterable[str]) -> None:
+def _demand(run: str, file: str, rows: Any, fields: Mapping[str, Any]) -> None:
     sound = isinstance(rows, list) and all(
-        isinstance(row, Mapping) and all(field in row for field in fields) for row in rows
+        isinstance(row, Mapping) and all(_is(kind, row.get(field)) for field, kind in fields.items())
+        for row in rows
     )
     if not sound:
         raise IntegrityError(f"{file} of {run} isn't what a run writes", "run that transfer again")
+
+
+def _is(kind: Any, value: Any) -> bool:
+    """Whether a JSON value is of a kind: a type, or `[kind]` for a list of them. An int is a float too."""
+    if isinstance(kind, list):
+        return isinstance(value, list) and all(_is(kind[0], item) for item in value)
+    if isinstance(value, bool):
+        return kind is bool
+    return isinstance(value, (int, float) if kind is float else kind)

@@ -21,8 +21,7 @@ def clean(text: object) -> str:
 
 def console() -> Console:
     """A console on stdout that reads no markup, emoji codes or highlights into what it prints."""
-    fixed = None if sys.stdout.isatty() or "COLUMNS" in os.environ else _WIDTH
-    return Console(markup=False, emoji=False, highlight=False, width=fixed)
+    return Console(markup=False, emoji=False, highlight=False, width=width())
 
 
 def print_json(document: Any) -> None:
@@ -37,6 +36,14 @@ def print_text(parts: Sequence[RenderableType]) -> None:
     for part in parts:
         out.print(part)
     sys.stdout.flush()
+
+
+def width() -> int:
+    """Columns to fill: those that COLUMNS says, else a terminal's own, else 100."""
+    told = os.environ.get("COLUMNS", "")
+    if told.isdecimal() and int(told) > 0:  # some shells say 0 for unknown, which would print nothing
+        return int(told)
+    return os.get_terminal_size(sys.stdout.fileno()).columns or _WIDTH if sys.stdout.isatty() else _WIDTH
 
 
 def _finite(value: Any) -> Any:

@@ -7,13 +7,19 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-from paddlectl.report.output import clean
+from paddlectl.report.output import clean, width
+
+NARROWEST = 8  # columns of a text that has to break
 
 Row = Mapping[str, Any]
 
 
 def words(value: Any) -> str:
     return "–" if value is None else str(value)
+
+
+def label(value: Any) -> str:
+    return words(value)
 
 
 def count(value: Any) -> str:
@@ -38,7 +44,11 @@ def size(items: Any) -> str:
 
 @dataclass(frozen=True)
 class Column:
-    """A heading, the field below it, and how that is written; what isn't words is aligned right."""
+    """A heading, the field below it, and how that is written.
+
+    Words and labels are aligned left, numbers right. In 80 columns only words break: half an id or number is
+    of no use. In fewer all may, for else Rich leaves columns out.
+    """
 
     title: str
     field: str
@@ -51,12 +61,17 @@ class Column:
 def table(columns: Iterable[Column], rows: Iterable[Row], title: str = "") -> Table:
     """A table of rows by their fields; a field that a row lacks is shown as a dash."""
     columns = tuple(columns)
+    wide = width() >= 80
     drawn = Table(
         title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True
     )
     for column in columns:
         drawn.add_column(
-            column.title, justify="left" if column.written is words else "right", overflow="fold"
+            column.title,
+            justify="left" if column.written in (words, label) else "right",
+            overflow="fold",
+            no_wrap=wide and column.written is not words,
+            min_width=NARROWEST if wide and column.written is words else None,
         )
     for row in rows:
         drawn.add_row(*(column.cell(row) for column in columns))
@@ -65,38 +80,37 @@ def table(columns: Iterable[Column], rows: Iterable[Row], title: str = "") -> Ta
 
 TASKS = (
     Column("task", "name"),
-    Column("domain", "domain"),
+    Column("domain", "domain", label),
     Column("horizon", "horizon", count),
     Column("heads", "heads", size),
     Column("facts", "vocabulary", size),
     Column("what it is", "summary"),
 )
 POLICIES = (
-    Column("policy", "policy"),
+    Column("policy", "policy", label),
     Column("task", "task"),
-    Column("method", "method"),
+    Column("method", "method", label),
     Column("seed", "seed", count),
     Column("frames", "frames", count),
     Column("success", "success_rate", percent),
     Column("score", "mean_score", figure),
     Column("length", "mean_length", tenths),
     Column("crisp", "crispness", figure),
-    Column("run", "run"),
+    Column("run", "run", label),
 )
 RUNS = (
-    Column("run", "run"),
-    Column("kind", "kind"),
-    Column("method", "method"),
+    Column("run", "run", label),
+    Column("method", "method", label),
     Column("task", "task"),
     Column("scenario", "scenario"),
     Column("seed", "seed", count),
-    Column("status", "status"),
+    Column("status", "status", label),
     Column("frames", "frames", count),
     Column("success", "success_rate", percent),
-    Column("policy", "policy"),
+    Column("policy", "policy", label),
 )
 TRAINED = (
-    Column("policy", "policy"),
+    Column("policy", "policy", label),
     Column("task", "task"),
     Column("seed", "seed", count),
     Column("frames", "frames", count),
@@ -104,11 +118,11 @@ TRAINED = (
     Column("success", "success_rate", percent),
     Column("score", "mean_score", figure),
     Column("crisp", "crispness", figure),
-    Column("run", "run"),
+    Column("run", "run", label),
 )
 TRANSFERRED = (
-    Column("run", "run"),
-    Column("method", "method"),
+    Column("run", "run", label),
+    Column("method", "method", label),
     Column("seed", "seed", count),
     Column("frames", "frames", count),
     Column("seconds", "seconds", tenths),
@@ -116,10 +130,10 @@ TRANSFERRED = (
     Column("final", "final_score", figure),
     Column("success", "success_rate", percent),
     Column("area", "area_under_curve", figure),
-    Column("policy", "policy"),
+    Column("policy", "policy", label),
 )
 EVALUATED = (
-    Column("policy", "policy"),
+    Column("policy", "policy", label),
     Column("task", "task"),
     Column("episodes", "episodes", count),
     Column("seed", "seed", count),
