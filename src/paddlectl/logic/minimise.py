@@ -8,8 +8,8 @@ from paddlectl.logic.clauses import Body, Clause, Program, body_text
 
 # SOPform with mostly don't-cares, seconds a head: 0.08 for 7 atoms, 0.9 for 8, 9 for 9.
 _QUICK_ATOMS = 7
-_MOST_NEEDED_ATOMS = 8
-_MOST_ATOMS = 12
+_MOST_NEEDED = 8
+MOST_ATOMS = 12
 
 _Row = tuple[bool, ...]
 
@@ -60,7 +60,7 @@ def _shared_atoms(bodies: list[Body]) -> tuple[Atom, ...]:
 
 def _fewest(bodies: list[Body], ignored: frozenset[Body], atoms: tuple[Atom, ...]) -> list[Body]:
     """The fewest bodies that hold in `bodies` and in no other scene outside `ignored`."""
-    if len(atoms) > _MOST_ATOMS:
+    if len(atoms) > MOST_ATOMS:
         return bodies
     skipped = {_row(body, atoms) for body in ignored}
     ones = {_row(body, atoms) for body in bodies} - skipped
@@ -69,7 +69,7 @@ def _fewest(bodies: list[Body], ignored: frozenset[Body], atoms: tuple[Atom, ...
     while len(needed) > _QUICK_ATOMS and (column := _spare_column(ones, zeros)) is not None:
         needed = needed[:column] + needed[column + 1 :]
         ones, zeros = _without(ones, column), _without(zeros, column)
-    return bodies if len(needed) > _MOST_NEEDED_ATOMS else _sum_of_products(ones, zeros, needed)
+    return bodies if len(needed) > _MOST_NEEDED else _sum_of_products(ones, zeros, needed)
 
 
 def _row(body: Body, atoms: tuple[Atom, ...]) -> _Row:

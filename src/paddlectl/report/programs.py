@@ -9,7 +9,7 @@ from rich.table import Table
 
 from paddlectl.errors import IntegrityError, InvalidFileError
 from paddlectl.logic.clauses import Body, Program
-from paddlectl.logic.minimise import minimise
+from paddlectl.logic.minimise import MOST_ATOMS, minimise
 from paddlectl.logic.syntax import parse_program
 from paddlectl.logic.templates import scenes
 from paddlectl.registry.records import PolicyRecord
@@ -50,9 +50,14 @@ def program_document(policy: PolicyRecord) -> dict[str, Any]:
 
 
 def unmet_scenes(program: Program) -> tuple[Body, ...]:
-    """The scenes that the program says nothing of: they can't occur in its task, or not on its path."""
+    """The scenes that the program says nothing of: they can't occur in its task, or not on its path.
+
+    None of a vocabulary that `minimise` leaves alone for its size.
+    """
     met = {clause.body for clause in program.clauses}
     atoms = sorted({literal.atom for body in met for literal in body})
+    if len(atoms) > MOST_ATOMS:
+        return ()
     return tuple(body for body in scenes(atoms) if body not in met)
 
 
