@@ -89,7 +89,7 @@ def _shortest(program: Document) -> list[RenderableType]:
     shown = program["minimised"][:SHORTEST]
     more = len(program["minimised"]) - len(shown)
     rest = [f"  and {more} more; run: paddlectl show {clean(program['policy'])}"] if more else []
-    return ["The same in its shortest clauses:", minimised_grid(shown), *rest]
+    return ["What it mostly does, in the shortest clauses:", minimised_grid(shown), *rest]
 
 
 def _psi(mapping: Document | None, scenes: "Sequence[SceneMet]", labels: Labels) -> list[RenderableType]:

@@ -15,6 +15,9 @@ from paddlectl.logic.templates import scenes
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.report.output import clean
 
+MAIN = 0.5
+"""Probability from which a clause stands in the minimised program: what is done more often than not."""
+
 
 def stored_program(policy: PolicyRecord) -> Program:
     """The policy's program, parsed.
@@ -45,17 +48,19 @@ def program_document(policy: PolicyRecord) -> dict[str, Any]:
             }
             for clause, probability in zip(program.clauses, program.probabilities, strict=True)
         ],
-        "minimised": [str(clause) for clause in minimise(program, unmet_scenes(program))],
+        "minimised": [str(clause) for clause in minimise(program, unmet_scenes(program), MAIN)],
     }
 
 
 def unmet_scenes(program: Program) -> tuple[Body, ...]:
-    """The scenes that the program says nothing of: they can't occur in its task, or not on its path.
+    """The scenes that the program is silent on: they can't occur in its task, or not on its path, or it
+    has no subgoal there that it takes more often than not.
 
     None of a vocabulary that `minimise` leaves alone for its size.
     """
-    met = {clause.body for clause in program.clauses}
-    atoms = sorted({literal.atom for body in met for literal in body})
+    clauses = zip(program.clauses, program.probabilities, strict=True)
+    met = {clause.body for clause, probability in clauses if probability >= MAIN}
+    atoms = sorted({literal.atom for clause in program.clauses for literal in clause.body})
     if len(atoms) > MOST_ATOMS:
         return ()
     return tuple(body for body in scenes(atoms) if body not in met)
@@ -73,7 +78,7 @@ def program_parts(document: dict[str, Any]) -> list[RenderableType]:
         "Learned, with the probability that each clause is executed:",
         _grid(raw),
         "",
-        "The same in its shortest clauses, for the scenes that it meets:",
+        "What it mostly does, in the shortest clauses for the scenes that it meets:",
         minimised_grid(document["minimised"]),
     ]
 
