@@ -238,7 +238,13 @@ def _sentence(scene: SceneMet, phase: str, labels: Labels, subgoals: Subgoals) -
     )
     end = f"its subgoal {goal} was reached in" if goal else "its subgoal was reached in"
     reached = percent(leader.reached / leader.chosen) if leader.chosen else "–"
-    return f"{led}: {_reason(leader, standings[1:], labels)}; {end} {reached}."
+    return f"{led}: {_reason(leader, standings[1:], labels)}; {end} {reached}.{_dropped(standings, labels)}"
+
+
+def _dropped(standings: Sequence[Standing], labels: Labels) -> str:
+    """Who was dropped from the scene; nothing else has a Λ below 0."""
+    names = [_name(one.policy, labels) for one in standings if one.weight is not None and one.weight < 0]
+    return f" Dropped here, as its subgoal was hardly ever reached: {', '.join(names)}." if names else ""
 
 
 def _reason(leader: Standing, others: Sequence[Standing], labels: Labels) -> str:
