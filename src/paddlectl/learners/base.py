@@ -19,8 +19,8 @@ class Actor(Protocol):
 class Learner(Actor, Protocol):
     """An actor with an update rule and tensors to keep."""
 
-    def update(self, buffer: RolloutBuffer) -> dict[str, float]:
-        """Learns from one block of experience; gives mean losses by name."""
+    def update(self, buffer: RolloutBuffer) -> None:
+        """Learns from one block of experience."""
 
     def anneal(self, done: float) -> None:
         """Told which share of the budget is used up, in [0, 1]."""

@@ -21,8 +21,8 @@ class ClauseSettings:
         discount: γ_h per decision.
         step_discount: And per environment step, in planned returns: about what a step costs of a score
             of 1 - 0.9 t / T. Without it a guide that takes twice the time is worth as much.
-        entropy_coef: Weight of the entropy of a scene's head distribution (Eq. 1's last term). At 0.01 a head
-            that wastes a single step keeps a tenth of its scene.
+        entropy_coef: Weight of the entropy of a scene's head distribution (Eq. 1's last term). A larger one
+            leaves a head that wastes a single step a share of its scene.
         initial_deviation: Of the normal distribution that the clause weights are drawn from.
         baseline_step: Smallest step of the running mean return of a scene.
     """

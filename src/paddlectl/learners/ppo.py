@@ -74,8 +74,8 @@ class PPO:
         actions = (log_probs - noise).argmax(-1)
         return actions.numpy(), log_probs.gather(-1, actions[:, None])[:, 0].numpy()
 
-    def update(self, buffer: RolloutBuffer) -> dict[str, float]:
-        """Several epochs of minibatches over one block of experience; gives mean losses."""
+    def update(self, buffer: RolloutBuffer) -> None:
+        """Several epochs of minibatches over one block of experience."""
         advantages, returns = self._targets(buffer)
         own = buffer.guides == TARGET
         samples = torch.from_numpy(np.flatnonzero(own))
@@ -83,7 +83,6 @@ class PPO:
         observations = torch.from_numpy(buffer.observations).flatten(0, 1)
         actions = torch.from_numpy(buffer.actions).flatten()
         old_log_probs = torch.from_numpy(buffer.log_probs).flatten()
-        losses = []
         for _ in range(self.settings.epochs):
             for batch in self._minibatches(samples):
                 loss = self._surrogate_loss(
@@ -94,11 +93,9 @@ class PPO:
                     returns[batch],
                 )
                 gradient_step(self.optimiser, loss, self.settings.max_gradient_norm)
-                losses.append(loss.item())
             for batch in self._minibatches(guided):
                 loss = self._cloning_loss(observations[batch], actions[batch], returns[batch])
                 gradient_step(self.optimiser, loss, self.settings.max_gradient_norm)
-        return {"loss": float(np.mean(losses)) if losses else 0.0}
 
     def anneal(self, done: float) -> None:
         """Sets the learning rate for the share of the budget that is used up, in [0, 1]."""
