@@ -115,7 +115,6 @@ def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
 def _work(index: int, job: Job, registry: str, events: Any) -> None:
     signal.signal(signal.SIGTERM, _interrupt)
     try:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
         events.put((index, _done(index, job, registry, events)))
     except PaddlectlError as error:
         events.put((index, error))
@@ -137,6 +136,9 @@ def _done(index: int, job: Job, registry: str, events: Any) -> dict[str, Any]:
     from paddlectl.registry.store import Registry
 
     torch.set_num_threads(1)
+    signal.pthread_sigmask(
+        signal.SIG_UNBLOCK, {signal.SIGTERM}
+    )  # not before: torch's import can't be stopped
 
     def report(progress: Progress) -> None:
         events.put((index, progress))
