@@ -5,8 +5,11 @@ processes at a time. The parts can be run one after the other; each is merged in
 
     python benchmarks/learning.py --parts sources
     python benchmarks/learning.py --parts paddle hdm --scenarios A B --seeds 0 1 2 --frames 400000
+    python benchmarks/learning.py --parts random --seeds 0 1 2
 
-A transfer takes the best policy of each source, as `paddlectl transfer` does.
+A transfer takes the best policy of each source, as `paddlectl transfer` does. The part `random` runs scenario
+A with a random policy of every other source task besides; the area under the curve that it loses to the part
+`paddle` is told once both have run with that seed and as many frames.
 """
 
 import argparse
@@ -15,7 +18,8 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -23,15 +27,18 @@ from typing import Any
 import numpy as np
 from readme_table import tables
 
-from paddlectl.errors import PaddlectlError
+from paddlectl.errors import NotFoundError, PaddlectlError
 from paddlectl.experiments.jobs import Job, Progress, TrainJob, TransferJob
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
-from paddlectl.scenario import load_scenario
+from paddlectl.scenario import Scenario, load_scenario
 
 HERE = Path(__file__).parent
 SOURCES = ("BlockedDoor", "GapBall", "DoorBall", "OpenGoal", "BoxDoor")
-PARTS = ("sources", "paddle", "hdm")
+SCENARIOS = ("A", "B", "C", "D", "A-place", "B-place", "C-place", "D-place")
+PARTS = ("sources", "paddle", "hdm", "random")
+WITH_RANDOM = "A"
+RANDOM = "+random"
 BARS = (0.9, 0.97)
 FIRST = 200
 Result = dict[str, Any]
@@ -47,15 +54,46 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
         yield from (TrainJob(task, seed, options.frames) for task in options.tasks for seed in options.seeds)
     scratch = set()
     for name in options.scenarios if set(options.parts) & {"paddle", "hdm"} else ():
-        scenario = load_scenario(HERE.parent / "scenarios" / f"{name}.yaml")
+        scenario = scenario_of(name)
         frames = options.frames or scenario.frames
         for seed in options.seeds:
             if "paddle" in options.parts:
-                sources = tuple(registry.policy(task).id for task in scenario.sources)
-                yield TransferJob(scenario, sources, "paddle", seed, frames)
+                yield TransferJob(scenario, best_sources(registry, scenario), "paddle", seed, frames)
             if "hdm" in options.parts and (scenario.target, seed) not in scratch:
                 scratch.add((scenario.target, seed))
                 yield TransferJob(scenario, (), "hdm", seed, frames)
+    if "random" in options.parts:
+        yield from (_with_random(registry, seed, options.frames) for seed in options.seeds)
+
+
+def scenario_of(name: str) -> Scenario:
+    return load_scenario(HERE.parent / "scenarios" / f"{name}.yaml")
+
+
+def best_sources(registry: Registry, scenario: Scenario) -> tuple[str, ...]:
+    """The best policy of each of its sources.
+
+    Raises:
+        NotFoundError: If one has none, or none that is better than a random one.
+    """
+    found = [registry.policy(task) for task in scenario.sources]
+    for policy in found:
+        if policy.method == "random":
+            raise NotFoundError(f"the best policy of {policy.task} is the random {policy.id}; train a source")
+    return tuple(policy.id for policy in found)
+
+
+def _with_random(registry: Registry, seed: int, frames: int | None) -> TransferJob:
+    """Scenario A with new random policies of the other source tasks, no two of one seed, after its own."""
+    from paddlectl.experiments.sources import random_source
+
+    plain = scenario_of(WITH_RANDOM)
+    sources = best_sources(registry, plain)
+    others = [task for task in SOURCES if task not in plain.sources]
+    seeds = {task: 1000 + seed * len(SOURCES) + SOURCES.index(task) for task in others}
+    policies = tuple(random_source(task, seeds[task], registry).id for task in others)
+    scenario = plain.model_copy(update={"name": plain.name + RANDOM, "sources": (*plain.sources, *others)})
+    return TransferJob(scenario, sources + policies, "paddle", seed, frames or plain.frames)
 
 
 def run(jobs: Sequence[Job], registry: str, workers: int) -> None:
@@ -212,12 +250,51 @@ def merge(path: Path, registry: Registry, records: Sequence[RunRecord], code: st
             "versions": record.versions,
             "machine": machine(),
         }
-    results["runs"] = dict(sorted(results["runs"].items()))
+    runs = results["runs"] = dict(sorted(results["runs"].items()))
+    for key in runs:
+        if RANDOM in key:
+            runs[key]["area_lost"] = _area_lost(runs[key], runs.get(key.replace(RANDOM, "")))
     results["written"] = datetime.now(UTC).isoformat(timespec="seconds")
     partial = path.with_suffix(".partial")
     partial.write_text(json.dumps(results, indent=1) + "\n")
     partial.replace(path)
     return results
+
+
+def _area_lost(run: Result, plain: Result | None) -> float | None:
+    """As a share; None if no run of as many frames is there to compare with, or it earned nothing."""
+    if plain is None or plain["frames"] != run["frames"] or not plain["area_under_curve"]:
+        return None
+    return float(1.0 - run["area_under_curve"] / plain["area_under_curve"])
+
+
+@contextmanager
+def collected(
+    options: argparse.Namespace,
+    registry: Registry,
+    ours: Callable[[RunRecord], bool],
+    shown: Callable[[Result], str],
+) -> Iterator[None]:
+    """Merges our runs that the block finished, however it is left, into the result file; prints it."""
+    code = commit()
+    before = set() if options.collect else {record.id for record in registry.runs()}
+    try:
+        yield
+    except PaddlectlError as error:
+        sys.exit(str(error))
+    except KeyboardInterrupt:
+        sys.exit(130)
+    finally:
+        # Oldest first, so that the newest of a name stays.
+        ended = [r for r in registry.runs()[::-1] if r.status == "finished" and r.id not in before]
+        print(shown(merge(options.output, registry, [r for r in ended if ours(r)], code)))
+
+
+def _ours(record: RunRecord) -> bool:
+    """No random source, and no run of another benchmark in the same registry."""
+    known = {path.stem for path in (HERE.parent / "scenarios").glob("*.yaml")}
+    scenario = (record.scenario or "").removesuffix(RANDOM)
+    return record.method != "random" and (record.kind == "train" or scenario in known)
 
 
 def parsed() -> argparse.Namespace:
@@ -229,7 +306,7 @@ def parsed() -> argparse.Namespace:
     )
     parser.add_argument("--tasks", nargs="+", choices=SOURCES, default=SOURCES, help="sources to train")
     parser.add_argument(
-        "--scenarios", nargs="+", default=["A"], help="names of files in scenarios/: A B C-place"
+        "--scenarios", nargs="+", default=SCENARIOS, help="of paddle and hdm: names of files in scenarios/"
     )
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
     parser.add_argument("--frames", type=int, help="of every run, instead of its usual budget")
@@ -243,23 +320,12 @@ def parsed() -> argparse.Namespace:
 def main() -> None:
     options = parsed()
     registry = Registry.open(options.registry)
-    code = commit()
-    before = set() if options.collect else {record.id for record in registry.runs()}
-    try:
+    with collected(options, registry, _ours, tables):
         # Sources first: a transfer's job names their policies.
-        for parts in (["sources"], ["paddle", "hdm"]):
+        for parts in (["sources"], ["paddle", "hdm", "random"]):
             chosen = [part for part in parts if part in options.parts]
             jobs = list(jobs_of(argparse.Namespace(**{**vars(options), "parts": chosen}), registry))
             run(jobs, options.registry, options.workers)
-    except PaddlectlError as error:
-        sys.exit(str(error))
-    except KeyboardInterrupt:
-        sys.exit(130)
-    finally:
-        # Oldest first, so that the newest of a name stays; also when a run failed or ^C came.
-        done = [r for r in registry.runs()[::-1] if r.status == "finished" and r.id not in before]
-        results = merge(options.output, registry, done, code)
-        print(tables(results))
 
 
 if __name__ == "__main__":

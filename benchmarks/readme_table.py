@@ -68,16 +68,27 @@ _TRANSFER: list[Column] = [
     *_UNSEEN,
     ("area", figure("area_under_curve", ".2f", less_is_better=False)),
 ]
+_RANDOM: list[Column] = [
+    ("seeds", seeds),
+    ("frames", figure("frames", ",", less_is_better=True)),
+    ("jump-start", figure("jump_start", ".2f", less_is_better=False)),
+    ("first 200", figure("success_first_200", ".1%", less_is_better=False)),
+    ("frames to 0.9", figure("to_success/0.9/frames", ",.0f", less_is_better=True)),
+    ("area", figure("area_under_curve", ".2f", less_is_better=False)),
+    ("area lost", figure("area_lost", ".1%", less_is_better=True)),
+]
 
 
 def tables(results: Run) -> str:
-    """Markdown: the sources, then what was learned of the targets, then how to read it."""
+    """Markdown: the sources, what was learned of the targets, that with random sources, how to read it."""
     runs = results["runs"].values()
     sources = [run for run in runs if run["kind"] == "source"]
-    transfers = [run for run in runs if run["kind"] == "transfer"]
+    transfers = [run for run in runs if run["kind"] == "transfer" and "area_lost" not in run]
+    randoms = [run for run in runs if "area_lost" in run]
     parts = [
-        _table("source", _SOURCE, _grouped(sources, lambda run: run["task"])),
-        _table("target and method", _TRANSFER, _grouped(transfers, _what)),
+        table("source", _SOURCE, grouped(sources, lambda run: run["task"])),
+        table("target and method", _TRANSFER, grouped(transfers, _what)),
+        table("with random sources added", _RANDOM, grouped(randoms, _what)),
         _reading(list(runs)),
     ]
     return "\n\n".join(part for part in parts if part)
@@ -90,14 +101,16 @@ def _what(run: Run) -> str:
     return f"{run['task']}, {of}"
 
 
-def _grouped(runs: Iterable[Run], name: Callable[[Run], str]) -> dict[str, list[Run]]:
+def grouped(runs: Iterable[Run], name: Callable[[Run], str]) -> dict[str, list[Run]]:
+    """The runs of each name, the names in order."""
     groups: dict[str, list[Run]] = {}
     for run in sorted(runs, key=name):
         groups.setdefault(name(run), []).append(run)
     return groups
 
 
-def _table(title: str, columns: Sequence[Column], groups: dict[str, list[Run]]) -> str:
+def table(title: str, columns: Sequence[Column], groups: dict[str, list[Run]]) -> str:
+    """Markdown: a row for each group; nothing if there is none."""
     if not groups:
         return ""
     rows = [[title, *(name for name, _ in columns)]]
@@ -117,12 +130,17 @@ def _reading(runs: Sequence[Run]) -> str:
     days = sorted({run["finished"][:10] for run in runs})
     if not runs:
         return "No runs yet."
+    lost = (
+        "Area lost: of what the same scenario and seed has without the random sources. "
+        if any("area_lost" in run for run in runs)
+        else ""
+    )
     return (
         "Median over seeds (the worst seed in brackets). Success and steps: 200 layouts never trained on, "
         "failures at 320 steps; the shortest plans of the same layouts are found by search. Jump-start: mean "
         "score of the first 100 episodes started; first 200: success over the first 200 started. Frames to "
         "0.9: until 100 episodes that started one after another had ended with that success. Area: mean "
-        "score over the run. Seconds: one process of two side by side, one thread each. "
+        f"score over the run. {lost}Seconds: one process of two side by side, one thread each. "
         f"{'; '.join(machines)}; {', '.join(versions)}; {' to '.join(dict.fromkeys((days[0], days[-1])))}."
     )
 

@@ -9,12 +9,13 @@ from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.jobs import TrainJob, TransferJob
 from paddlectl.experiments.processes import run_jobs
 from paddlectl.experiments.sources import evaluate, revive
+from paddlectl.hybrid.policy import HybridSettings
 from paddlectl.logic.syntax import ProgramSyntaxError, parse_program
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.tasks.suite import load
 
-FRAMES = 64 * 64  # of one block
+FRAMES = HybridSettings().lanes * HybridSettings().block  # of one block
 
 
 def test_rows_are_in_the_order_of_the_jobs(trained):

@@ -8,8 +8,11 @@ import time
 
 import pytest
 
+from paddlectl.hybrid.policy import HybridSettings
 from paddlectl.registry.store import Registry
 from samples import ROOT
+
+BLOCK = HybridSettings().lanes * HybridSettings().block
 
 
 def train(registry):
@@ -52,8 +55,8 @@ def test_a_stopped_training_marks_its_run(tmp_path, send, number, code):
     with Registry.open(tmp_path / "registry", create=False) as registry:
         (run,) = registry.runs()
         assert (run.status, run.policy) == ("interrupted", None)
-        assert run.frames >= 64 * 64
-        assert len(registry.read_rows(run.id, "progress")) * 64 * 64 == run.frames
+        assert run.frames >= BLOCK
+        assert len(registry.read_rows(run.id, "progress")) * BLOCK == run.frames
 
 
 def test_a_training_is_stopped_before_it_has_begun(tmp_path):

@@ -1,5 +1,6 @@
 """A transfer of a few dozen episodes, and all that it leaves behind."""
 
+import dataclasses
 import os
 import shutil
 import subprocess
@@ -12,6 +13,7 @@ from paddlectl.experiments import transfers
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
+from paddlectl.transfer.guidance import GuidanceSettings
 from samples import ROOT
 from small_transfer import CHANGES, FRAMES, TARGET, job
 
@@ -176,6 +178,27 @@ def test_equal_seeds_give_equal_policies_in_another_process(transfer):
     environment = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PYTHONHASHSEED": "12"}
     other = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=True)
     assert other.stdout.strip() == checkpoint(transfer("default"))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"rules": GuidanceSettings(curiosity=0.0, least_reached=0.0)},
+        {"hybrid": {"credit": {"planned": False}, "sharpness": 2.0}},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_a_caller_may_change_the_rules_and_the_hybrid_model(transfer, changes):
+    changed = dataclasses.replace(job(transfer.policies, "default"), **changes)
+    row = transfers.run_transfer(changed, transfer.registry, lambda _: None)
+    told, usual = transfer.registry.run(row["run"]).settings, transfer().run.settings
+    assert told["guidance"] == dataclasses.asdict(changed.rules)
+    if "hybrid" in changes:
+        assert told["hybrid"]["credit"] == usual["hybrid"]["credit"] | {"planned": False}
+        assert told["hybrid"] == usual["hybrid"] | {"sharpness": 2.0, "credit": told["hybrid"]["credit"]}
+    else:
+        assert told["hybrid"] == usual["hybrid"]
+    assert transfer.registry.policy(row["policy"]).checkpoint != checkpoint(transfer())
 
 
 def test_other_seeds_and_other_rules_give_other_policies(transfer):

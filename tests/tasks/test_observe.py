@@ -5,7 +5,7 @@ import pytest
 
 from paddlectl.tasks.minigrid import symbols as s
 from paddlectl.tasks.minigrid.engine import State
-from paddlectl.tasks.minigrid.grid import Held
+from paddlectl.tasks.minigrid.grid import Action, Held
 from paddlectl.tasks.minigrid.observe import OBSERVATION_SIZE, Observer
 from pictures import parse
 
@@ -37,7 +37,7 @@ def window(seen: np.ndarray) -> str:
 
 
 def test_window_around_the_agent():
-    assert window(observe(parse(BLOCKED), s.GT_KEY)) == "\n".join(
+    assert window(observe(parse(BLOCKED), s.GT_BOX)) == "\n".join(
         [
             "#######",
             "#......",
@@ -50,9 +50,35 @@ def test_window_around_the_agent():
     )
 
 
+def test_the_window_is_mirrored_toward_the_target():
+    straight = window(observe(parse(BLOCKED), s.GT_BOX)).split()
+    assert window(observe(parse(BLOCKED), s.GT_KEY)).split() == [line[::-1] for line in straight[::-1]]
+
+
+@pytest.mark.parametrize(("kept", "change"), [(1, 1), (-1, 1), (1, -1), (-1, -1)])
+def test_a_mirrored_room_looks_the_same_and_is_walked_the_same(kept, change):
+    """The near room as it is and in its mirrors; the passage stays where it is."""
+    room = ["......", ".v....", "...b..", "......", "....k.", "......"]
+    turned = [line[::kept] for line in room[::change]]
+    agent = "v" if change > 0 else "^"
+    rows = [f"#{a}{wall}......#" for a, wall in zip(turned, "L#####", strict=True)]
+    picture = "\n".join(["#" * 15, *rows, "#" * 15]).replace("v", agent)
+    state = parse(picture)
+    heads = np.array([s.HEADS.index(s.GT_KEY)])
+    moves = Observer(1).in_world(state.agent, state.where, heads, np.array([Action.RIGHT]))
+    assert moves[0] == (Action.RIGHT if kept > 0 else Action.LEFT)
+    moves = Observer(1).in_world(state.agent, state.where, heads, np.array([Action.DOWN]))
+    assert moves[0] == (Action.DOWN if change > 0 else Action.UP)
+    assert Observer(1).in_world(state.agent, state.where, heads, np.array([Action.DROP]))[0] == Action.DROP
+    seen = observe(state, s.GT_KEY)
+    np.testing.assert_allclose(seen[TARGET][1:5], [3 / 14, 3 / 7, 1, 1], rtol=1e-6)
+    assert seen[FACING].tolist() == [0, 1, 0, 0]
+    assert window(seen).split()[4][5] == "#"  # the ball: right and below, in every mirror
+
+
 def test_outside_the_grid_nothing_can_be_walked_on():
     picture = BLOCKED.replace("#..>...#", "#......#").replace("#......#......#", "#>.....#......#", 1)
-    lines = window(observe(parse(picture), s.GT_KEY)).split()
+    lines = window(observe(parse(picture), s.GT_BOX)).split()
     assert lines[:3] == ["#######"] * 3
     assert lines[3] == "###...."
 
@@ -68,7 +94,7 @@ def test_an_open_passage_and_a_goal_can_be_walked_on():
 @pytest.mark.parametrize(
     ("head", "target"),
     [
-        (s.GT_KEY, [1, -1 / 14, -1 / 7, -1, -1, 0, 0, 1]),
+        (s.GT_KEY, [1, 1 / 14, 1 / 7, 1, 1, 0, 0, 1]),
         (s.GT_BOX, [1, 1 / 14, 2 / 7, 1, 1, 0, 0, 1]),
         (s.GT_BLOCKAGE, [1, 3 / 14, 1 / 7, 1, 1, 0, 0, 1]),
         (s.GT_BALL, [1, 7 / 14, 0, 1, 0, 0, 1, 0]),
@@ -86,17 +112,20 @@ def test_target_of_a_subgoal(head, target):
 def test_tiles_are_targets_of_placing():
     picture = BLOCKED.replace("k", "y").replace("g", "r")
     state = parse(picture, Held.BLOCKAGE)
-    np.testing.assert_allclose(observe(state, s.PLACE_BLOCKAGE)[TARGET][:3], [1, -1 / 14, -1 / 7], rtol=1e-6)
+    np.testing.assert_allclose(observe(state, s.PLACE_BLOCKAGE)[TARGET][:3], [1, 1 / 14, 1 / 7], rtol=1e-6)
     np.testing.assert_allclose(observe(state, s.PLACE_BALL)[TARGET][:3], [1, 7 / 14, 0], rtol=1e-6)
 
 
 def test_passage():
     np.testing.assert_allclose(
-        observe(parse(BLOCKED), s.GT_KEY)[PASSAGE], [4 / 14, 1 / 7, 1, 1, 0, 1, 0], rtol=1e-6
+        observe(parse(BLOCKED), s.GT_BOX)[PASSAGE], [4 / 14, 1 / 7, 1, 1, 0, 1, 0], rtol=1e-6
+    )
+    np.testing.assert_allclose(
+        observe(parse(BLOCKED), s.GT_KEY)[PASSAGE], [-4 / 14, -1 / 7, -1, -1, 0, 1, 0], rtol=1e-6
     )
     beyond = BLOCKED.replace("..>...#..g", "......#..g").replace("bL...", "./..<")
     np.testing.assert_allclose(
-        observe(parse(beyond), s.GT_KEY)[PASSAGE], [-3 / 14, 0, -1, 0, 1, 0, 1], rtol=1e-6
+        observe(parse(beyond), s.GT_KEY)[PASSAGE], [3 / 14, 0, 1, 0, 1, 0, 1], rtol=1e-6
     )
 
 
@@ -117,8 +146,9 @@ def test_what_is_in_front_and_in_hand(old, new, held, touch):
 
 @pytest.mark.parametrize(("agent", "facing"), list(zip(">v<^", range(4), strict=True)))
 def test_facing_and_head_are_one_hot(agent, facing):
+    below = BLOCKED.replace(".k....", "......").replace(".....bL", "..k..bL").replace(">", agent)
     for i, head in enumerate(s.HEADS):
-        seen = observe(parse(BLOCKED.replace(">", agent)), head)
+        seen = observe(parse(below), head)
         assert seen[FACING].tolist() == np.eye(4)[facing].tolist()
         assert seen[HEAD].tolist() == np.eye(10)[i].tolist()
 

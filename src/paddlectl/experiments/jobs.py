@@ -1,8 +1,11 @@
 """What can be asked for, and what is told of it meanwhile; plain values that cross processes."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 from paddlectl.scenario import Scenario
+from paddlectl.transfer.guidance import GuidanceSettings
 
 
 @dataclass(frozen=True)
@@ -16,13 +19,21 @@ class TrainJob:
 
 @dataclass(frozen=True)
 class TransferJob:
-    """Run a scenario once; `sources` are policy ids."""
+    """Run a scenario once; `sources` are policy ids.
+
+    Attributes:
+        rules: Of `guidance: default`; nothing to `paper`.
+        hybrid: What shall differ from `HybridSettings`, as `{"credit": {"planned": False}}`. Not the shape of
+            the networks: a kept policy is revived with the usual one.
+    """
 
     scenario: Scenario
     sources: tuple[str, ...]
     method: str
     seed: int
     frames: int
+    rules: GuidanceSettings = field(default_factory=GuidanceSettings)
+    hybrid: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 
-FRAMES = 150_000
+FRAMES = 130_000
 """Frames of a source's training. The learning rate falls to its end, so there is no stopping early."""
 
 RECENT = 500
@@ -54,12 +54,7 @@ def train_source(job: TrainJob, registry: Registry, report: Callable[[Progress],
             log.add(round_, crispness=crisp)
             report(log.progress(frames, f"crisp {crisp:.2f}"))
         kept = keep(registry, run, policy, log)
-        log.results = {
-            "success_rate": kept.success_rate,
-            "mean_score": kept.mean_score,
-            "mean_length": kept.mean_length,
-            "crispness": kept.crispness,
-        }
+        log.results = _figures(kept)
     return {
         "run": run.id,
         "policy": kept.id,
@@ -68,6 +63,37 @@ def train_source(job: TrainJob, registry: Registry, report: Callable[[Progress],
         **log.counts(),
         "success_rate": kept.success_rate,
         "mean_score": kept.mean_score,
+        "crispness": kept.crispness,
+    }
+
+
+def random_source(task: str, seed: int, registry: Registry) -> PolicyRecord:
+    """Keeps a policy as it is before it learns: a source that has nothing to teach.
+
+    Its method is `random`. It is the best policy of its task only while no other solves more.
+    """
+    settings = HybridSettings()
+    run = registry.add_run(
+        kind="train",
+        method="random",
+        task=task,
+        scenario=None,
+        sources=(),
+        seed=seed,
+        settings={"frames": 0, "hybrid": dataclasses.asdict(settings)},
+        versions=versions(),
+    )
+    with recorded(registry, run) as log:
+        kept = keep(registry, run, HybridPolicy(load(task), seed, settings), log)
+        log.results = _figures(kept)
+    return kept
+
+
+def _figures(kept: PolicyRecord) -> dict[str, float]:
+    return {
+        "success_rate": kept.success_rate,
+        "mean_score": kept.mean_score,
+        "mean_length": kept.mean_length,
         "crispness": kept.crispness,
     }
 

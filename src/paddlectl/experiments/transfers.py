@@ -1,7 +1,7 @@
 """Running a scenario: PADDLE from its sources, or the hybrid model from scratch."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,6 @@ from paddlectl.tasks.suite import load
 from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.account import Account
 from paddlectl.transfer.documents import mapping_document
-from paddlectl.transfer.guidance import GuidanceSettings
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
 
@@ -34,7 +33,7 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
         A row of `transfer --json`.
     """
     task = load(job.scenario.target)
-    settings, rules = HybridSettings(), GuidanceSettings()
+    settings: HybridSettings = _changed(HybridSettings(), job.hybrid)
     run = registry.add_run(
         kind="transfer",
         method=job.method,
@@ -46,7 +45,7 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
             "frames": job.frames,
             "scenario": job.scenario.model_dump(mode="json"),
             "hybrid": dataclasses.asdict(settings),
-            "guidance": dataclasses.asdict(rules),
+            "guidance": dataclasses.asdict(job.rules),
         },
         versions=versions(),
     )
@@ -55,7 +54,7 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
         rounds = (
             training.train(target, job.seed, job.frames)
             if job.method == "hdm"
-            else _guided(job, registry, run, target, rules)
+            else _guided(job, registry, run, target)
         )
         for round_ in rounds:
             log.add(round_)
@@ -73,9 +72,16 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
     }
 
 
-def _guided(
-    job: TransferJob, registry: Registry, run: RunRecord, target: HybridPolicy, rules: GuidanceSettings
-) -> Iterator[Round]:
+def _changed(settings: Any, changes: Mapping[str, Any]) -> Any:
+    """A copy of a settings dataclass with other values, also in the settings within it."""
+    values = {
+        name: _changed(getattr(settings, name), value) if isinstance(value, Mapping) else value
+        for name, value in changes.items()
+    }
+    return dataclasses.replace(settings, **values)
+
+
+def _guided(job: TransferJob, registry: Registry, run: RunRecord, target: HybridPolicy) -> Iterator[Round]:
     """Algorithm 2, leaving Ψ and its account in the run's folder."""
     sources = [_source(registry, policy) for policy in job.sources]
     mapping, document = _mapping(target, sources, job.scenario.similarity)
@@ -86,7 +92,7 @@ def _guided(
     chooser = (
         guides.PaperGuides(target, candidates, lanes, rng)
         if job.scenario.guidance.mode == "paper"
-        else guides.PlannedGuides(target, candidates, lanes, rng, rules)
+        else guides.PlannedGuides(target, candidates, lanes, rng, job.rules)
     )
     rounds = paddle.learn(target, sources, chooser, job.seed, job.frames)
     yield from _accounted(rounds, registry, run, chooser, Account(chooser, sources), job.frames)
@@ -94,7 +100,7 @@ def _guided(
 
 def _source(registry: Registry, policy: str) -> guides.Source:
     record = registry.policy(policy)
-    actor = revive(registry, record).low_level
+    actor = revive(registry, record).low_level.frozen()
     try:
         program = parse_program(record.program)
     except InvalidFileError as error:

@@ -224,7 +224,7 @@ class Rollout:
 
     def _step(self, buffer: RolloutBuffer, t: int) -> Iterator[Episode]:
         settings = self._settings
-        step = self.environment.step(buffer.actions[t])
+        step = self.environment.step(self.environment.in_world(self._head, buffer.actions[t]))
         self.frames += self.environment.lanes
         self._steps += 1
         self._length += 1

@@ -108,7 +108,7 @@ def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Eval
         task.horizon,
         _Reading(policy, task),
         chooser,
-        [policy.low_level],
+        [policy.low_level.frozen()],
         policy.settings.decisions,
     )
     buffer = RolloutBuffer.empty(32, episodes, environment.observation_size)

@@ -25,6 +25,9 @@ class Learner(Actor, Protocol):
     def anneal(self, done: float) -> None:
         """Told which share of the budget is used up, in [0, 1]."""
 
+    def frozen(self) -> Actor:
+        """The same actor once it has learned: it explores less."""
+
     def state(self) -> dict[str, torch.Tensor]:
         """The networks' tensors by name."""
 

@@ -1,6 +1,9 @@
 """Proximal policy optimisation (Schulman et al., 2017) for the low level."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -28,6 +31,7 @@ class PPOSettings:
         minibatch: Samples a gradient step.
         max_gradient_norm: Cut-off of the gradient.
         clone_coef: Weight of the log-likelihood of guided actions that reached their subgoal.
+        sharpness: Power of the action probabilities once it has learned.
     """
 
     learning_rate: float = 5e-4
@@ -41,6 +45,13 @@ class PPOSettings:
     minibatch: int = 512
     max_gradient_norm: float = 0.5
     clone_coef: float = 0.5
+    sharpness: float = 2.0
+
+
+class FrozenPPO(NamedTuple):
+    """An actor that doesn't learn."""
+
+    act: Callable[[NDArray[np.float32]], tuple[NDArray[np.int64], NDArray[np.float32]]]
 
 
 class PPO:
@@ -66,10 +77,19 @@ class PPO:
             eps=1e-5,
         )
 
-    @torch.no_grad()
     def act(self, observations: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Samples actions [B] and their log-probabilities [B] for observations [B, D]."""
-        log_probs = self.actor(torch.from_numpy(observations)).log_softmax(-1)
+        return self._sample(observations, 1.0)
+
+    def frozen(self) -> "FrozenPPO":
+        """The same actor once it has learned: it explores less."""
+        return FrozenPPO(partial(self._sample, sharpness=self.settings.sharpness))
+
+    @torch.no_grad()
+    def _sample(
+        self, observations: NDArray[np.float32], sharpness: float
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        log_probs = (sharpness * self.actor(torch.from_numpy(observations))).log_softmax(-1)
         noise = torch.rand(log_probs.shape, generator=self.generator).clamp_min_(1e-10).log_().neg_().log_()
         actions = (log_probs - noise).argmax(-1)
         return actions.numpy(), log_probs.gather(-1, actions[:, None])[:, 0].numpy()

@@ -63,7 +63,10 @@ class Environment(Protocol):
         """E(s): the truth of every atom of the vocabulary, in its order. [B, P]"""
 
     def observe(self, heads: Ints) -> Floats:
-        """What the low level sees: the state mapped by each lane's subgoal. [B, D]"""
+        """What the low level sees: the state mapped by each lane's subgoal, in a frame of its own. [B, D]"""
+
+    def in_world(self, heads: Ints, actions: Ints) -> Ints:
+        """Actions chosen by what `observe` shows, as `step` takes them. [B]"""
 
     def reached(self, heads: Ints) -> Bools:
         """Whether each lane's subgoal holds in the present state. [B]"""

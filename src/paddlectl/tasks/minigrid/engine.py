@@ -205,6 +205,10 @@ class Engine:
         s = self.state
         return self._observer(s.grid, s.rows, s.agent, s.facing, s.held, s.where, heads)
 
+    def in_world(self, heads: Ints, actions: Ints) -> Ints:
+        """Actions chosen by what `observe` shows, as `step` takes them. [B]"""
+        return self._observer.in_world(self.state.agent, self.state.where, heads, actions)
+
     def reached(self, heads: Ints) -> Bools:
         """Whether each lane's subgoal holds in the present state. [B]"""
         return self._reached.take(heads * symbols.FACTS + self.state.facts)

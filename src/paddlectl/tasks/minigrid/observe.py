@@ -11,6 +11,9 @@ among objects that it has never met. In order:
 
 The target is what the subgoal acts on: a thing, the passage, a tile to place on. Without one (to put
 something down, or as long as a thing isn't on the grid) its numbers are 0.
+
+All of it is seen in a frame mirrored such that the target (the passage, without one) never lies left of the
+agent or above it. The rules are the same in a mirror, so what is learned once holds in four directions.
 """
 
 import numpy as np
@@ -19,6 +22,7 @@ from paddlectl.tasks.base import Bools, Floats, Ints
 from paddlectl.tasks.minigrid import symbols as s
 from paddlectl.tasks.minigrid.grid import (
     ABSENT,
+    ACTIONS,
     CELLS,
     DELTA,
     HEIGHT,
@@ -49,6 +53,13 @@ _TARGETS = {
 TARGET: Ints = np.array([_TARGETS.get(head, Thing.NOTHING) for head in s.HEADS])
 
 
+def _frame_table() -> Ints:
+    """The frame in which a cell lies neither left nor above, over agent x cell. [120 * 120]"""
+    y, x = np.divmod(np.arange(CELLS), WIDTH)
+    frames: Ints = (x[None, :] < x[:, None]) + 2 * (y[None, :] < y[:, None])
+    return frames.reshape(-1)
+
+
 def _relative_table() -> Floats:
     """Rows of the target's 8 numbers over agent x target, the last target being none. [120 * 121, 8]"""
     y, x = np.divmod(np.arange(CELLS), WIDTH)
@@ -61,14 +72,22 @@ def _relative_table() -> Floats:
 
 
 def _passage_table() -> Floats:
-    """Rows of the passage's 7 numbers over agent x row of the passage x open. [120 * 8 * 2, 7]"""
+    """Rows of the passage's 7 numbers over agent x its row x open x frame. [120 * 8 * 2 * 4, 7]"""
     relative = _relative_table().reshape(CELLS, CELLS + 1, 8)
     table = np.zeros((CELLS, HEIGHT, 2, 7), dtype=np.float32)
     table[..., :4] = relative[:, MIDDLE:ABSENT:WIDTH, None, 1:5]
     table[..., 4] = relative[:, MIDDLE:ABSENT:WIDTH, None, 6]
     table[..., 5] = (np.arange(CELLS) % WIDTH < MIDDLE)[:, None, None]
     table[..., 1, 6] = 1
-    return table.reshape(-1, 7)
+    return _in_frames(table, [0, 2], [1, 3]).reshape(-1, 7)
+
+
+def _in_frames(table: Floats, horizontal: list[int], vertical: list[int]) -> Floats:
+    """A row for each of the 4 frames, the columns named changing their sign in a mirror. [..., 4, D]"""
+    framed = np.repeat(table[..., None, :], 4, axis=-2)
+    framed[..., 1::2, horizontal] *= -1
+    framed[..., 2:, vertical] *= -1
+    return framed
 
 
 def _one_hot_table() -> Floats:
@@ -80,10 +99,15 @@ def _one_hot_table() -> Floats:
     return table.reshape(-1, 4 + heads)
 
 
-_RELATIVE = _relative_table()
+_FRAME = _frame_table()
+_RELATIVE = np.abs(_relative_table())  # in its own frame a target's offsets aren't negative
 _PASSAGE = _passage_table()
 _ONE_HOT = _one_hot_table()
+_FACING: Ints = np.array([[0, 1, 2, 3], [2, 1, 0, 3], [0, 3, 2, 1], [2, 3, 0, 1]])  # by frame
+_MOVES: Ints = np.array([[0, 1, 2, 3], [1, 0, 2, 3], [0, 1, 3, 2], [1, 0, 3, 2]])
+_IN_WORLD = np.hstack([_MOVES, np.tile(np.arange(4, ACTIONS), (4, 1))])
 _BITS = ((np.arange(2**_SIDE)[:, None] >> np.arange(_SIDE)) & 1).astype(np.float32)  # lowest bit first
+_BITS = np.concatenate([_BITS, _BITS[:, ::-1]])  # as seen, then mirrored
 _ROW_OF, _COLUMN_OF = np.divmod(np.arange(CELLS), WIDTH)
 _COLUMN_BIT: Ints = 1 << (_COLUMN_OF + REACH)
 
@@ -117,6 +141,8 @@ class Observer:
         self._rows: Ints = np.arange(lanes) * ROWS
         self._things: Ints = np.arange(lanes) * len(Thing)
         self._offsets: Ints = np.arange(_SIDE)[:, None]
+        self._down_up: Ints = np.array([1, 1, -1, -1])  # by frame
+        self._top: Ints = np.array([0, 0, _SIDE - 1, _SIDE - 1])
         self._window = np.empty((lanes, _SIDE, _SIDE), dtype=np.float32)
 
     def __call__(
@@ -136,24 +162,39 @@ class Observer:
         Returns:
             A new array. [B, 81]
         """
+        target = where.take(self._things + TARGET.take(heads))
+        passage = where[:, Thing.PASSAGE]
+        frame = _frames(agent, target, passage)
         out = np.empty((len(agent), OBSERVATION_SIZE), dtype=np.float32)
-        seen = rows.take(self._rows + _ROW_OF.take(agent) + self._offsets)  # [7, B]: inner loops over lanes
+        top = self._rows + _ROW_OF.take(agent) + self._top.take(frame)
+        seen = rows.take(top + self._offsets * self._down_up.take(frame))  # [7, B]: inner loops over lanes
         seen >>= _COLUMN_OF.take(agent)
         seen &= (1 << _SIDE) - 1
+        seen |= (frame & 1) << _SIDE
         _BITS.take(seen.T, axis=0, out=self._window, mode="clip")
         out[:, :49] = self._window.reshape(-1, _WINDOW)
 
-        target = where.take(self._things + TARGET.take(heads))
         out[:, 49:57] = _RELATIVE.take(agent * (CELLS + 1) + target, axis=0)
 
-        passage = where[:, Thing.PASSAGE]
         opened = grid.take(self._cells + passage) == Code.OPEN
-        index = (agent * HEIGHT + _ROW_OF.take(passage)) * 2 + opened
+        index = ((agent * HEIGHT + _ROW_OF.take(passage)) * 2 + opened) * 4 + frame
         out[:, 57:64] = _PASSAGE.take(index, axis=0)
 
         front = agent + DELTA.take(facing)
         out[:, 64] = front == target
         out[:, 65] = grid.take(self._cells + front) == Code.EMPTY
         out[:, 66] = held != 0
-        out[:, 67:] = _ONE_HOT.take(facing * len(s.HEADS) + heads, axis=0)
+        seen_facing = _FACING.take(frame * 4 + facing)
+        out[:, 67:] = _ONE_HOT.take(seen_facing * len(s.HEADS) + heads, axis=0)
         return out
+
+    def in_world(self, agent: Ints, where: Ints, heads: Ints, actions: Ints) -> Ints:
+        """Actions chosen in the frames of these states, as the world takes them. [B]"""
+        target = where.take(self._things + TARGET.take(heads))
+        frame = _frames(agent, target, where[:, Thing.PASSAGE])
+        return _IN_WORLD.take(frame * ACTIONS + actions)
+
+
+def _frames(agent: Ints, target: Ints, passage: Ints) -> Ints:
+    """The frame of each state: 1 mirrors left and right, 2 up and down. [B]"""
+    return _FRAME.take(agent * CELLS + np.where(target == ABSENT, passage, target))
