@@ -100,7 +100,7 @@ def _guided(job: TransferJob, registry: Registry, run: RunRecord, target: Hybrid
 
 def _source(registry: Registry, policy: str) -> guides.Source:
     record = registry.policy(policy)
-    actor = revive(registry, record).low_level.frozen()
+    actor = revive(registry, record).low_level
     try:
         program = parse_program(record.program)
     except InvalidFileError as error:

@@ -49,7 +49,8 @@ class PlannedCredit:
 
     Decisions count as soon as they end, whoever made them. A guided one that reached its subgoal is
     imitated too, weighted by its return: a crisp guide always takes the same head, so there is no other
-    to have an advantage over.
+    to have an advantage over. But only as long as the plan knows no better head there: a guide may well
+    reach a subgoal that leads nowhere.
 
     Args:
         clauses: The weights that learn.
@@ -95,7 +96,8 @@ class PlannedCredit:
             returns = self._plan.returns(self._values, self._settings.prior)
             self._values = (policy * returns).sum(-1)
         advantages = self._visits[:, None] * (returns - self._values[:, None])
-        imitation = self._guided * returns
+        best = returns >= returns.max(-1, keepdims=True)
+        imitation = self._guided * returns * best
         self._clauses.follow(
             self._by_scene(advantages),
             self._by_scene(imitation),
