@@ -93,9 +93,8 @@ def main() -> None:
         for order in orders:
             worlds = (World(SPECS[task], layouts, lane) for lane in range(count))
             length = np.mean([greedy_length(world, order.split(), rng) for world in worlds])
-            print(
-                f"{task}: shortest {shortest:.2f}, one by one {length:.2f}, {length / shortest:.2f} x: {order}"
-            )
+            ratio = length / shortest
+            print(f"{task}: shortest {shortest:.2f}, one by one {length:.2f}, {ratio:.2f} x: {order}")
 
 
 if __name__ == "__main__":

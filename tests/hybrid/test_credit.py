@@ -112,6 +112,17 @@ def test_monte_carlo_imitates_guides_that_reached_alone():
     assert max(made.probability(NEAR_SCENE, TWO) for made in (alone, missed)) < 0.7
 
 
+def test_planning_imitates_a_guide_only_where_it_knows_no_better_head():
+    """A guide's subgoal leads back to where it was, though the episode is solved in the end."""
+    detour = [(NEAR_SCENE, MOON, 0.0, True), (NEAR_SCENE, MOON, 0.0, True), *SOLVED]
+    made = Learning(planned=True)
+    for _ in range(40):
+        made.learn(SOLVED, guide=0, blocks=1)
+        made.learn(*[detour] * 3, guide=1, blocks=1)
+    assert made.probability(NEAR_SCENE, TWO) > 0.8
+    assert made.probability(NEAR_SCENE, MOON) < 0.1
+
+
 def test_planning_learns_before_an_episode_ends():
     """Decisions that are paid count at once, though no episode has ended."""
     made = Learning(planned=True)

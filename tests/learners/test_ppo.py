@@ -47,6 +47,17 @@ def test_sampled_actions_follow_their_probabilities():
     np.testing.assert_allclose(log_probs, np.log([0.5, 0.3, 0.2])[actions], rtol=1e-5)
 
 
+def test_once_frozen_it_explores_less():
+    """Probabilities go as their squares: 0.5, 0.3, 0.2 to 25, 9 and 4 of 38."""
+    learner = PPO(3, 3, seed=0)
+    state = learner.state()
+    state["actor.6.bias"] = torch.tensor([0.5, 0.3, 0.2]).log()
+    state["actor.6.weight"] = torch.zeros_like(state["actor.6.weight"])
+    learner.load(state)
+    actions, _ = learner.frozen().act(np.zeros((20_000, 3), np.float32))
+    assert np.bincount(actions) / 20_000 == pytest.approx([25 / 38, 9 / 38, 4 / 38], abs=0.02)
+
+
 def test_solves_a_bandit_of_three_states():
     learner, rng = PPO(3, 3, seed=0), np.random.default_rng(0)
     for _ in range(12):
