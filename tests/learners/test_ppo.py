@@ -32,16 +32,21 @@ def likelihood(learner):
         return learner.actor(torch.eye(3)).softmax(-1).diagonal().numpy()
 
 
+def of_fixed_probabilities(*probabilities):
+    learner = PPO(3, 3, seed=0)
+    state = learner.state()
+    state["actor.6.bias"] = torch.tensor(probabilities).log()
+    state["actor.6.weight"] = torch.zeros_like(state["actor.6.weight"])
+    learner.load(state)
+    return learner
+
+
 def test_starts_almost_uniform():
     assert likelihood(PPO(3, 3, seed=0)) == pytest.approx([1 / 3] * 3, abs=0.02)
 
 
 def test_sampled_actions_follow_their_probabilities():
-    learner = PPO(3, 3, seed=0)
-    state = learner.state()
-    state["actor.6.bias"] = torch.tensor([0.5, 0.3, 0.2]).log()
-    state["actor.6.weight"] = torch.zeros_like(state["actor.6.weight"])
-    learner.load(state)
+    learner = of_fixed_probabilities(0.5, 0.3, 0.2)
     actions, log_probs = learner.act(np.zeros((20_000, 3), np.float32))
     assert np.bincount(actions) / 20_000 == pytest.approx([0.5, 0.3, 0.2], abs=0.02)
     np.testing.assert_allclose(log_probs, np.log([0.5, 0.3, 0.2])[actions], rtol=1e-5)
@@ -49,11 +54,7 @@ def test_sampled_actions_follow_their_probabilities():
 
 def test_once_frozen_it_explores_less():
     """Probabilities go as their squares: 0.5, 0.3, 0.2 to 25, 9 and 4 of 38."""
-    learner = PPO(3, 3, seed=0)
-    state = learner.state()
-    state["actor.6.bias"] = torch.tensor([0.5, 0.3, 0.2]).log()
-    state["actor.6.weight"] = torch.zeros_like(state["actor.6.weight"])
-    learner.load(state)
+    learner = of_fixed_probabilities(0.5, 0.3, 0.2)
     actions, _ = learner.frozen().act(np.zeros((20_000, 3), np.float32))
     assert np.bincount(actions) / 20_000 == pytest.approx([25 / 38, 9 / 38, 4 / 38], abs=0.02)
 
