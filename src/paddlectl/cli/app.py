@@ -112,7 +112,7 @@ def _run(arguments: Sequence[str]) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
-        return _told(_system(error), "", 1)
+        return _told(_system(error), "", _emptied())
     except Exception as error:
         return _unexpected(error)
     code = result if isinstance(result, int) else 0
@@ -165,6 +165,15 @@ def _write_log(text: str) -> str | None:
     except OSError:
         return None
     return log.name
+
+
+def _emptied() -> int:
+    """What can't be written to stdout is thrown away, or Python would fail on it once more at exit, with 120."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        _reader_left()
+    return 1
 
 
 def _reader_left() -> int:
