@@ -168,7 +168,7 @@ def _write_log(text: str) -> str | None:
 
 
 def _emptied() -> int:
-    """What can't be written to stdout is thrown away, or Python would fail on it once more at exit, with 120."""
+    """What stdout can't take is thrown away, or Python would fail on it once more at exit, with 120."""
     try:
         sys.stdout.flush()
     except OSError:
