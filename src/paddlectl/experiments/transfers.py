@@ -23,6 +23,7 @@ from paddlectl.tasks.suite import load
 from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.account import Account
 from paddlectl.transfer.documents import mapping_document
+from paddlectl.transfer.guidance import PAPER, GuidanceSettings
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
 
@@ -33,7 +34,9 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
         A row of `transfer --json`.
     """
     task = load(job.scenario.target)
+    rules = PAPER if job.scenario.guidance.mode == "paper" else job.rules
     settings: HybridSettings = _changed(HybridSettings(), job.hybrid)
+    settings = _changed(settings, {"decisions": {"patience": rules.patience}})
     run = registry.add_run(
         kind="transfer",
         method=job.method,
@@ -45,7 +48,7 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
             "frames": job.frames,
             "scenario": job.scenario.model_dump(mode="json"),
             "hybrid": dataclasses.asdict(settings),
-            "guidance": dataclasses.asdict(job.rules),
+            "guidance": dataclasses.asdict(rules),
         },
         versions=versions(),
     )
@@ -54,7 +57,7 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
         rounds = (
             training.train(target, job.seed, job.frames)
             if job.method == "hdm"
-            else _guided(job, registry, run, target)
+            else _guided(job, rules, registry, run, target)
         )
         for round_ in rounds:
             log.add(round_)
@@ -81,7 +84,9 @@ def _changed(settings: Any, changes: Mapping[str, Any]) -> Any:
     return dataclasses.replace(settings, **values)
 
 
-def _guided(job: TransferJob, registry: Registry, run: RunRecord, target: HybridPolicy) -> Iterator[Round]:
+def _guided(
+    job: TransferJob, rules: GuidanceSettings, registry: Registry, run: RunRecord, target: HybridPolicy
+) -> Iterator[Round]:
     """Algorithm 2, leaving Ψ and its account in the run's folder."""
     sources = [_source(registry, policy) for policy in job.sources]
     mapping, document = _mapping(target, sources, job.scenario.similarity)
@@ -92,15 +97,18 @@ def _guided(job: TransferJob, registry: Registry, run: RunRecord, target: Hybrid
     chooser = (
         guides.PaperGuides(target, candidates, lanes, rng)
         if job.scenario.guidance.mode == "paper"
-        else guides.PlannedGuides(target, candidates, lanes, rng, job.rules)
+        else guides.PlannedGuides(target, candidates, lanes, rng, rules)
     )
+    if rules.inheritance:
+        nearest = guides.most_similar(sources, mapping)
+        target.low_level.inherit(nearest.low_level.state(), rules.inheritance)
     rounds = paddle.learn(target, sources, chooser, job.seed, job.frames)
     yield from _accounted(rounds, registry, run, chooser, Account(chooser, sources), job.frames)
 
 
 def _source(registry: Registry, policy: str) -> guides.Source:
     record = registry.policy(policy)
-    actor = revive(registry, record).low_level
+    low_level = revive(registry, record).low_level
     try:
         program = parse_program(record.program)
     except InvalidFileError as error:
@@ -108,7 +116,7 @@ def _source(registry: Registry, policy: str) -> guides.Source:
             f"the program of {record.id} is damaged: {error.message}",
             f"train it again: paddlectl train {record.task}",
         ) from error
-    return guides.Source(record.id, record.task, program, actor)
+    return guides.Source(record.id, record.task, program, low_level)
 
 
 def _mapping(

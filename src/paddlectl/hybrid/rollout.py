@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paddlectl.learners.base import Actor
-from paddlectl.learners.buffers import RolloutBuffer
+from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.tasks.base import Bools, Environment, Floats, Ints
 
 LEVELS = 6
@@ -30,12 +30,14 @@ class DecisionSettings:
 
     Attributes:
         max_steps: Most environment steps of one decision.
+        patience: Share of them that a decision gets which a guide leads.
         reached_reward: Intrinsic reward for reaching the subgoal at once …
         delay_cost: … less this, times the share of `max_steps` that was used.
         failed_reward: Intrinsic reward when a decision ends in any other way.
     """
 
     max_steps: int = 50
+    patience: float = 1.0
     reached_reward: float = 1.0
     delay_cost: float = 0.5
     failed_reward: float = -0.1
@@ -205,11 +207,10 @@ class Rollout:
         self._guide[lanes], self._head[lanes] = self._chooser.choose(
             lanes, self._scene[lanes] * LEVELS + self._level[lanes]
         )
-        self._limit = np.where(
-            self._pending,
-            np.where(self.environment.available(self._head), self._settings.max_steps, 1),
-            self._limit,
-        )
+        most = self._settings.max_steps
+        patience = np.where(self._guide == TARGET, most, int(self._settings.patience * most))
+        limit = np.where(self.environment.available(self._head), patience, 1)
+        self._limit = np.where(self._pending, limit, self._limit)
         self._steps[lanes] = 0
         self._reward[lanes] = 0.0
         self._pending[:] = False

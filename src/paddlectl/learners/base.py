@@ -33,3 +33,6 @@ class Learner(Actor, Protocol):
 
     def load(self, state: dict[str, torch.Tensor]) -> None:
         """Takes the networks' tensors from `state`."""
+
+    def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
+        """Starts from another's tensors, its preferences weakened to a share of them so that it explores."""

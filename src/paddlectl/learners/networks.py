@@ -21,7 +21,7 @@ def mlp(
     """
     layers: list[nn.Module] = []
     for size in hidden:
-        layers += [_linear(inputs, size, math.sqrt(2.0)), nn.ReLU()]
+        layers += [_linear(inputs, size, math.sqrt(2.0)), nn.ReLU(inplace=True)]
         inputs = size
     return nn.Sequential(*layers, _linear(inputs, outputs, output_gain))
 

@@ -137,6 +137,13 @@ class PPO:
             _load_network(network, name, state)
 
     @torch.no_grad()
+    def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
+        """Starts from another's networks, the actor's log-odds times `share` so that it explores again."""
+        self.load(state)
+        for parameter in self.actor[-1].parameters():
+            parameter.mul_(share)
+
+    @torch.no_grad()
     def _targets(self, buffer: RolloutBuffer) -> tuple[torch.Tensor, torch.Tensor]:
         values = self.critic(torch.from_numpy(buffer.observations)).squeeze(-1)
         last_values = self.critic(torch.from_numpy(buffer.last_observations)).squeeze(-1)

@@ -9,7 +9,7 @@ import numpy as np
 from paddlectl.hybrid.plan import Plan
 from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, sharpened
 from paddlectl.hybrid.rollout import LEVELS, Outcome
-from paddlectl.learners.base import Actor
+from paddlectl.learners.base import Learner
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Body, Program
 from paddlectl.tasks.base import Bools, Floats, Ints, Task
@@ -28,7 +28,16 @@ class Source:
     policy: str
     task: str
     program: Program
-    actor: Actor
+    low_level: Learner
+
+
+def most_similar(sources: Sequence[Source], mapping: SceneMapping) -> Source:
+    """The source of largest ψ over all scenes of the target; of several, the first."""
+    total = dict.fromkeys((source.policy for source in sources), 0.0)
+    for matches in mapping.rows.values():
+        for match in matches:
+            total[match.policy] += match.similarity
+    return max(sources, key=lambda source: total[source.policy])
 
 
 class Candidates(NamedTuple):
