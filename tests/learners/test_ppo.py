@@ -197,3 +197,17 @@ def test_the_learning_rate_falls_in_a_straight_line():
     for done, rate in [(0.0, 0.1), (0.5, 0.06), (1.0, 0.02), (1.3, 0.02)]:
         learner.anneal(done)
         assert learner.optimiser.param_groups[0]["lr"] == pytest.approx(rate)
+
+
+def test_an_heir_has_the_same_preferences_weakened():
+    """Log-odds times 0.5, so probabilities go with their square roots; the critic and the elder stay."""
+    elder, heir = PPO(3, 4, seed=0), PPO(3, 4, seed=1)
+    with torch.no_grad():
+        elder.actor[-1].weight.mul_(100.0)
+    before = {name: tensor.clone() for name, tensor in elder.state().items()}
+    heir.inherit(elder.state(), 0.5)
+    observation = torch.tensor([[0.3, -1.0, 2.0]])
+    roots = elder.actor(observation).softmax(-1).sqrt()
+    assert torch.allclose(heir.actor(observation).softmax(-1), roots / roots.sum(), atol=1e-6)
+    assert torch.equal(heir.critic(observation), elder.critic(observation))
+    assert all(torch.equal(before[name], tensor) for name, tensor in elder.state().items())

@@ -9,7 +9,7 @@ import torch
 
 from paddlectl.hybrid import training
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
-from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Outcome
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseSettings
 from paddlectl.learners.ppo import PPO, PPOSettings
@@ -18,7 +18,7 @@ from paddlectl.logic.syntax import parse_program
 from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.guidance import GuidanceSettings
 from paddlectl.transfer.similarity import map_scenes
-from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, TASK, TWO, ByScript, Corridor
+from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, STAY, TASK, TWO, ByScript, Corridor
 
 NEVER = -np.inf
 SMALL = HybridSettings(lanes=4, block=16, low_level=PPOSettings(epochs=1))
@@ -211,7 +211,8 @@ def test_a_source_that_helps_is_kept():
 
 
 def test_the_better_source_leads_whatever_its_similarity():
-    _, shares = last_guides(one_of_each("default", target(), sources(WALK, LAMP)), {1: 0.8, 2: 0.1})
+    chooser = one_of_each("default", target(), sources(WALK, LAMP))
+    _, shares = last_guides(chooser, {1: 0.8, 2: 0.1}, episodes=400)
     assert shares[1] >= 0.8
 
 
@@ -284,6 +285,30 @@ def test_two_sources_that_undo_each_other_are_seen_through():
             scene = following
         decisions.append(count)
     assert np.mean(decisions[-40:]) <= 3.5
+
+
+def test_the_most_similar_source_is_that_of_the_largest_similarity_over_all_scenes():
+    policy, given = target(), sources("1.0 :: gt_end() :- far()", LAMP, WALK)
+    scenes = [Scene(body, frozenset(TASK.heads)) for body in policy.clauses.bodies]
+    mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in given})
+    # 1/15 + 13/15 for WALK, 13/15 + 14/15 for LAMP
+    assert guides.most_similar(given, mapping).policy == "policy-2"
+    assert guides.most_similar(given[::2], mapping).policy == "policy-1"
+
+
+def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():
+    decisions = DecisionSettings(max_steps=6, patience=0.5)
+    settings = HybridSettings(lanes=2, block=16, decisions=decisions)
+    policy, given = target(settings=settings), sources(WALK, actor=ByScript(STAY))
+    chooser = one_of_each("default", policy, given, lanes=2)
+    for _ in paddle.learn(policy, given, chooser, 0, 2000):
+        pass
+    guided, own = [], []
+    for decision in (d for episode in chooser.traces for d in episode):
+        if decision.steps > 1:
+            (own if decision.candidate == TARGET else guided).append(decision.steps)
+    assert max(guided) == 3
+    assert max(own) == 6
 
 
 @pytest.mark.parametrize("mode", ["paper", "default"])

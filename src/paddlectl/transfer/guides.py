@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from paddlectl.hybrid.plan import Plan
-from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, sharpened
+from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, sharpened, task_heads
 from paddlectl.hybrid.rollout import LEVELS, Outcome
 from paddlectl.learners.base import Learner
 from paddlectl.learners.buffers import TARGET
@@ -15,6 +15,7 @@ from paddlectl.logic.clauses import Body, Program
 from paddlectl.tasks.base import Bools, Floats, Ints, Task
 from paddlectl.transfer.guidance import GuidanceSettings, choose_guide, faded_weight, guidance_weight
 from paddlectl.transfer.performance import MeanReturns, Table, performance
+from paddlectl.transfer.practice import Practice
 from paddlectl.transfer.similarity import SceneMapping
 
 DROPPED = 1.0
@@ -33,11 +34,8 @@ class Source:
 
 def most_similar(sources: Sequence[Source], mapping: SceneMapping) -> Source:
     """The source of largest ψ over all scenes of the target; of several, the first."""
-    total = dict.fromkeys((source.policy for source in sources), 0.0)
-    for matches in mapping.rows.values():
-        for match in matches:
-            total[match.policy] += match.similarity
-    return max(sources, key=lambda source: total[source.policy])
+    matches = [match for row in mapping.rows.values() for match in row]
+    return max(sources, key=lambda source: sum(m.similarity for m in matches if m.policy == source.policy))
 
 
 class Candidates(NamedTuple):
@@ -152,10 +150,12 @@ class GuideChooser:
         """The guide and the head for each lane. [n], [n]"""
         weighing = self.weigh()
         weights = self._lane_weights(weighing.weight, lanes, situations)
+        scenes = situations // LEVELS
         chosen = choose_guide(weights, self._rng)
-        audition = self._auditions(lanes, situations // LEVELS, chosen)
+        practised = self._practised(lanes, scenes)
+        audition = self._auditions(lanes, scenes, chosen) | (practised >= 0)
         chosen[audition] = TARGET
-        heads = self._heads(chosen, situations // LEVELS)
+        heads = np.where(practised >= 0, practised, self._heads(chosen, scenes))
         for lane, situation, candidate, head, heard, weight in zip(
             lanes, situations, chosen, heads, audition, weights, strict=True
         ):
@@ -203,6 +203,9 @@ class GuideChooser:
 
     def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
         return weights[situations]
+
+    def _practised(self, lanes: Ints, scenes: Ints) -> Ints:
+        return np.full(len(lanes), -1)
 
     def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         return np.zeros(len(lanes), np.bool_)
@@ -267,6 +270,9 @@ class PlannedGuides(GuideChooser):
         guides_and_heads = int(candidates.guides.max()) + 1, candidates.heads.shape[1]
         self._repeats = np.zeros((lanes, self.shape[0], *guides_and_heads), np.float32)
         self._heard = np.zeros(lanes, np.bool_)
+        novel = task_heads(target.task) >= 0
+        novel &= ~candidates.heads[1:].any(0)
+        self._practice = Practice(novel, self.shape[0] // LEVELS, lanes, settings, rng)
 
     def weigh(self) -> Weighing:
         """ψ faded into the planned Φ; the target by merit, or out of curiosity. [R, C] each"""
@@ -297,6 +303,9 @@ class PlannedGuides(GuideChooser):
         penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.curiosity)
         return penalised
 
+    def _practised(self, lanes: Ints, scenes: Ints) -> Ints:
+        return self._practice.heads(lanes, scenes)
+
     def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         rate = self.rules.audition_rate * self._own[scenes].max(-1)
         heard: Bools = (chosen != TARGET) & ~self._heard[lanes] & (self._rng.random(len(lanes)) < rate)
@@ -310,6 +319,9 @@ class PlannedGuides(GuideChooser):
         self._hits[decision.situation, decision.candidate] += decision.reached
         discount = float(self._clauses.discounts(np.array(decision.steps)))
         self._plan.record(decision.situation, decision.candidate, reward, following, discount)
+        if guide == TARGET:
+            self._practice.decided(decision.situation // LEVELS, decision.head, decision.reached)
         if following is None:
             self._repeats[lane] = 0
             self._heard[lane] = False
+            self._practice.ended(lane)
