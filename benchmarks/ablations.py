@@ -38,7 +38,7 @@ class Ablation:
     guidance: Guidance = field(default_factory=Guidance)
 
 
-# `trials` is no rule of its own: least_reached judges by it.
+# `trials`, `practice_trials` and `practice_reached` are no rules of their own: they say when a rule applies.
 RULES = {
     "none": Ablation("nothing is off"),
     "fading": Ablation("a source's Λ is its ψ for ever, whatever came of it", {"fading": 1.0}),
@@ -55,6 +55,10 @@ RULES = {
     "audition_samples": Ablation(
         "its first decision in a scene measures the target", {"audition_samples": 0.0}
     ),
+    "practice": Ablation("the target never practises a subgoal of its own", {"practice_rate": 0.0}),
+    "patience": Ablation("a source gets as many steps as the target", {"patience": 1.0}),
+    "inheritance": Ablation("the target's low level starts anew", {"inheritance": 0.0}),
+    "weakening": Ablation("it inherits its source's preferences at full strength", {"inheritance": 1.0}),
     "target_margin": Ablation(
         "to take over, the target must be better than every source", {"target_margin": 0.0}
     ),
@@ -64,6 +68,7 @@ RULES = {
         "clause weights learn from Monte-Carlo returns, as in the paper",
         hybrid={"credit": {"planned": False}},
     ),
+    "block": Ablation("an update every 64 steps", hybrid={"block": 64}),
     "paper": Ablation("all rules of guidance are off: Λ = ψ + Φ", guidance=Guidance(mode="paper")),
 }
 COLUMNS: list[Column] = [
@@ -118,7 +123,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--scenarios", nargs="+", default=["A", "C"], help="names of files in scenarios/")
     parser.add_argument("--rules", nargs="*", choices=RULES, default=list(RULES), help="to switch off")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
-    parser.add_argument("--frames", type=int, default=120_000, help="of every run")
+    parser.add_argument("--frames", type=int, default=60_000, help="of every run")
     parser.add_argument("--workers", type=int, default=2, help="processes at a time")
     parser.add_argument("--registry", default="build/bench", help="where the sources are, and runs are kept")
     parser.add_argument("--output", type=Path, default=HERE / "ablations.json", help="the result file")
