@@ -2,7 +2,8 @@
 
 The process does what `paddlectl train` does in it: engine, decisions, both updates, crispness, the run's
 tables. The first round, in which everything is made and warmed up, isn't counted. Time inside the networks
-is the time in `PPO.act` and `PPO.update`.
+is the time in `PPO.act` and `PPO.update`. What the networks do with it is told by PyTorch's profiler in a few
+more rounds: each operation's share of the time in all of them.
 
     OMP_NUM_THREADS=1 python benchmarks/training_speed.py --rounds 20 --write
 """
@@ -23,7 +24,8 @@ import torch
 
 from paddlectl.experiments.jobs import Progress, TrainJob
 from paddlectl.experiments.sources import train_source
-from paddlectl.hybrid.policy import HybridSettings
+from paddlectl.hybrid import training
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
 from paddlectl.learners.ppo import PPO
 from paddlectl.registry.store import Registry
 from paddlectl.tasks import suite
@@ -82,6 +84,21 @@ def measure(task: str, rounds: int) -> dict[str, Any]:
     }
 
 
+def profile(task: str, rounds: int = 3, most: int = 12) -> dict[str, float]:
+    """The operations that take the largest shares of PyTorch's time."""
+    torch.set_num_threads(1)
+    settings = HybridSettings()
+    policy = HybridPolicy(suite.load(task), 0, settings)
+    trained = training.train(policy, 0, (rounds + 1) * settings.lanes * settings.block)
+    next(trained)
+    with torch.profiler.profile(activities=[torch.profiler.ProfilerActivity.CPU]) as profiled:
+        for _ in trained:
+            pass
+    times = {event.key: event.self_cpu_time_total for event in profiled.key_averages()}
+    largest = sorted(times, key=times.__getitem__, reverse=True)[:most]
+    return {key: round(times[key] / sum(times.values()), 3) for key in largest}
+
+
 def _linear_layers() -> list[torch.nn.Linear]:
     return [layer for layer in PPO(1, 1, 0).actor if isinstance(layer, torch.nn.Linear)]
 
@@ -107,7 +124,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=20, help="counted rounds, 1 at least")
     parser.add_argument("--write", action="store_true", help=f"to {OUTPUT.name} as well")
     options = parser.parse_args()
-    result = json.dumps(measure(options.task, max(1, options.rounds)), indent=2)
+    measured = measure(options.task, max(1, options.rounds)) | {"profile": profile(options.task)}
+    result = json.dumps(measured, indent=2)
     print(result)
     if options.write:
         OUTPUT.write_text(result + "\n")
