@@ -56,7 +56,9 @@ RULES = {
         "its first decision in a scene measures the target", {"audition_samples": 0.0}
     ),
     "practice": Ablation("the target never practises a subgoal of its own", {"practice_rate": 0.0}),
-    "patience": Ablation("a source gets as many steps as the target", {"patience": 1.0}),
+    "patience": Ablation(
+        "a source gets as many steps as the target", hybrid={"decisions": {"patience": 1.0}}
+    ),
     "inheritance": Ablation("the target's low level starts anew", {"inheritance": 0.0}),
     "weakening": Ablation("it inherits its source's preferences at full strength", {"inheritance": 1.0}),
     "target_margin": Ablation(

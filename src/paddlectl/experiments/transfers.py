@@ -23,7 +23,6 @@ from paddlectl.tasks.suite import load
 from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.account import Account
 from paddlectl.transfer.documents import mapping_document
-from paddlectl.transfer.guidance import PAPER, GuidanceSettings
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
 
@@ -34,9 +33,9 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
         A row of `transfer --json`.
     """
     task = load(job.scenario.target)
-    rules = PAPER if job.scenario.guidance.mode == "paper" else job.rules
     settings: HybridSettings = _changed(HybridSettings(), job.hybrid)
-    settings = _changed(settings, {"decisions": {"patience": rules.patience}})
+    if job.scenario.guidance.mode == "paper":
+        settings = _changed(settings, {"decisions": {"patience": 1.0}})
     run = registry.add_run(
         kind="transfer",
         method=job.method,
@@ -48,7 +47,7 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
             "frames": job.frames,
             "scenario": job.scenario.model_dump(mode="json"),
             "hybrid": dataclasses.asdict(settings),
-            "guidance": dataclasses.asdict(rules),
+            "guidance": dataclasses.asdict(job.rules),
         },
         versions=versions(),
     )
@@ -57,7 +56,7 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
         rounds = (
             training.train(target, job.seed, job.frames)
             if job.method == "hdm"
-            else _guided(job, rules, registry, run, target)
+            else _guided(job, registry, run, target)
         )
         for round_ in rounds:
             log.add(round_)
@@ -84,9 +83,7 @@ def _changed(settings: Any, changes: Mapping[str, Any]) -> Any:
     return dataclasses.replace(settings, **values)
 
 
-def _guided(
-    job: TransferJob, rules: GuidanceSettings, registry: Registry, run: RunRecord, target: HybridPolicy
-) -> Iterator[Round]:
+def _guided(job: TransferJob, registry: Registry, run: RunRecord, target: HybridPolicy) -> Iterator[Round]:
     """Algorithm 2, leaving Ψ and its account in the run's folder."""
     sources = [_source(registry, policy) for policy in job.sources]
     mapping, document = _mapping(target, sources, job.scenario.similarity)
@@ -94,16 +91,18 @@ def _guided(
     lanes, sharpness = target.settings.lanes, target.settings.sharpness
     candidates = guides.candidates_of(target.task, target.clauses.bodies, sources, mapping, sharpness)
     rng = np.random.default_rng(job.seed)
-    chooser = (
-        guides.PaperGuides(target, candidates, lanes, rng)
-        if job.scenario.guidance.mode == "paper"
-        else guides.PlannedGuides(target, candidates, lanes, rng, rules)
-    )
-    if rules.inheritance:
-        nearest = guides.most_similar(sources, mapping)
-        target.low_level.inherit(nearest.low_level.state(), rules.inheritance)
+    if job.scenario.guidance.mode == "paper":
+        chooser: guides.GuideChooser = guides.PaperGuides(target, candidates, lanes, rng)
+    else:
+        chooser = guides.PlannedGuides(target, candidates, lanes, rng, job.rules)
+        _inherit(target, guides.most_similar(sources, mapping), job.rules.inheritance)
     rounds = paddle.learn(target, sources, chooser, job.seed, job.frames)
     yield from _accounted(rounds, registry, run, chooser, Account(chooser, sources), job.frames)
+
+
+def _inherit(target: HybridPolicy, source: guides.Source, share: float) -> None:
+    if share:
+        target.low_level.inherit(source.low_level.state(), share)
 
 
 def _source(registry: Registry, policy: str) -> guides.Source:

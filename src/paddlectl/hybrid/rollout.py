@@ -30,14 +30,15 @@ class DecisionSettings:
 
     Attributes:
         max_steps: Most environment steps of one decision.
-        patience: Share of them that a decision gets which a guide leads.
+        patience: Share of them that a guide gets. It knows its way: what it hasn't reached by then it hardly
+            ever will, and a wrong guess costs less.
         reached_reward: Intrinsic reward for reaching the subgoal at once …
         delay_cost: … less this, times the share of `max_steps` that was used.
         failed_reward: Intrinsic reward when a decision ends in any other way.
     """
 
     max_steps: int = 50
-    patience: float = 1.0
+    patience: float = 0.3
     reached_reward: float = 1.0
     delay_cost: float = 0.5
     failed_reward: float = -0.1

@@ -38,8 +38,6 @@ class GuidanceSettings:
         target_margin: The target takes a scene over when it comes this near to the best source.
         source_memory: Latest decisions that a source's return is averaged over.
         target_memory: The same for the target, which changes.
-        patience: Share of a decision's most steps that a source gets. It knows its way: what it hasn't
-            reached by then it hardly ever will, and a wrong guess costs half.
         inheritance: The target's low level starts as a copy of its most similar source's, its preferences
             weakened to this share so that it explores again; 0 starts anew. So a subgoal that no source
             knows isn't learned from nothing: whoever finds a key soon finds a ball.
@@ -58,12 +56,7 @@ class GuidanceSettings:
     target_margin: float = 0.02
     source_memory: float = 300.0
     target_memory: float = 50.0
-    patience: float = 0.5
     inheritance: float = 0.7
-
-
-PAPER = GuidanceSettings(patience=1.0, inheritance=0.0)
-"""What `guidance: paper` keeps of the rules that don't concern the choice of the guide: nothing."""
 
 
 def guidance_weight(similarity: Weights, performance: Weights) -> Weights:
