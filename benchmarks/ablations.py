@@ -38,7 +38,7 @@ class Ablation:
     guidance: Guidance = field(default_factory=Guidance)
 
 
-# `trials`, `practice_trials` and `practice_reached` are no rules of their own: they say when a rule applies.
+# `trials` and `practice_reached` are no rules of their own: they say when another applies.
 RULES = {
     "none": Ablation("nothing is off"),
     "fading": Ablation("a source's Λ is its ψ for ever, whatever came of it", {"fading": 1.0}),

@@ -7,7 +7,7 @@ from paddlectl.transfer.practice import Practice
 
 NOVEL = np.array([False, True, False, True])
 SCENES, LANES = 3, 200
-ALWAYS = GuidanceSettings(practice_rate=1.0, practice_trials=4, practice_reached=0.5)
+ALWAYS = GuidanceSettings(practice_rate=1.0, trials=4, practice_reached=0.5)
 
 
 def practice(rules=ALWAYS, novel=NOVEL):

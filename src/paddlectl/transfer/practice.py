@@ -33,7 +33,7 @@ class Practice:
 
     def heads(self, lanes: Ints, scenes: Ints) -> Ints:
         """The head to practise in each lane, -1 for none. [n]"""
-        young = self._tried < self._rules.practice_trials
+        young = self._tried < self._rules.trials
         promising = self._hits >= self._rules.practice_reached * self._tried
         worth: Bools = self._novel & (young | promising)
         due = self._rng.random(len(lanes)) < self._rules.practice_rate
