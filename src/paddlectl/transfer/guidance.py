@@ -33,8 +33,8 @@ class GuidanceSettings:
         audition_samples: The target leads a scene by merit only after this many decisions there.
         practice_rate: Chance that the target takes a head that no source knows (`Practice`) in a decision,
             once an episode.
-        practice_reached: Such a head is practised in a scene for as long as it is reached in this share of its
-            decisions there; `trials` times at least.
+        practice_reached: Such a head is practised in a scene for as long as it is reached in this share of
+            its decisions there; `trials` times at least.
         target_margin: The target takes a scene over when it comes this near to the best source.
         source_memory: Latest decisions that a source's return is averaged over.
         target_memory: The same for the target, which changes.
