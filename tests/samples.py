@@ -116,6 +116,12 @@ def add_transfer(registry: Registry, scenario: str = "A") -> None:
     )
 
 
+def reseal(registry: Registry, name: str) -> None:
+    """Makes a run's manifest say that its files are as they should be, as only one who means harm would."""
+    with registry._transaction(registry._writing) as connection:
+        registry._publish(connection, name)
+
+
 def weight_rows() -> list[dict[str, Any]]:
     rows = [
         # phase, true facts, policy, task, ψ, Φ, Λ, decisions, chosen, reached

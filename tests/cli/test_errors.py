@@ -13,7 +13,7 @@ import pytest
 
 from paddlectl.cli import app
 from paddlectl.registry.store import Registry
-from samples import BLOCKED_DOOR, ROOT, TARGET, Answer, Command, add_source, program
+from samples import BLOCKED_DOOR, ROOT, TARGET, Answer, Command, add_source, program, reseal
 
 Process = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -141,6 +141,7 @@ def test_values_of_another_type_in_files_of_a_run_are_refused(
     text = path.read_text()
     assert sound in text
     path.write_text(text.replace(sound, wrong, 1))
+    reseal(registry, "run-3")
     expect(command("explain", "run-3"), 5, f"{name} of run-3 isn't what a run writes")
     expect(command("explain", "run-3", "--json"), 5)
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from paddlectl.errors import RegistryBusyError
-from paddlectl.registry import database
+from paddlectl.registry import database, sqlite
 from paddlectl.registry.store import Registry
 
 PROCESSES, EACH, ROUNDS = 8, 25, 3
@@ -133,6 +133,6 @@ def test_making_a_registry_that_another_process_is_making(
 ) -> None:
     monkeypatch.setattr(database, "WAIT", 0.1)
     location.mkdir()
-    with database._locked(location), pytest.raises(RegistryBusyError):
+    with sqlite._locked(location), pytest.raises(RegistryBusyError):
         Registry.open(location)
     assert Registry.open(location).runs() == []

@@ -1,5 +1,6 @@
 """JSON as the registry keeps it: text in columns, and the append-only rows and atomic documents of a run."""
 
+import hashlib
 import json
 import os
 import re
@@ -52,7 +53,7 @@ def append_rows(folder: Path, name: str, rows: Iterable[Mapping[str, Any]]) -> N
     A row that an earlier, killed writer left half-written is cut off first; it was never acknowledged.
     Rows survive the death of the process at once, and a loss of power from `sync_files` on.
     """
-    path = _file(folder, name, "jsonl")
+    path = file_of(folder, name, "jsonl")
     text = "".join(to_json(dict(row), str(path)) + "\n" for row in rows)
     if not text:
         return
@@ -67,37 +68,50 @@ def append_rows(folder: Path, name: str, rows: Iterable[Mapping[str, Any]]) -> N
             raise
 
 
-def read_rows(folder: Path, name: str) -> list[dict[str, Any]]:
-    """The rows of `<name>.jsonl`; empty if there is no such file, without a half-written last row.
+def rows_of(data: bytes, where: Path) -> list[dict[str, Any]]:
+    """The rows in the bytes of a table, without a half-written last one.
 
     Raises:
         IntegrityError: If a whole line isn't a JSON object.
     """
-    path = _file(folder, name, "jsonl")
-    try:
-        lines = path.read_bytes().split(b"\n")[:-1]
-    except FileNotFoundError:
-        return []
-    return [_row(line, f"{path}:{number}") for number, line in enumerate(lines, 1)]
+    return [_row(line, f"{where}:{number}") for number, line in enumerate(data.split(b"\n")[:-1], 1)]
 
 
 def write_document(folder: Path, name: str, document: Any) -> None:
     """Writes or replaces `<name>.json` whole."""
-    path = _file(folder, name, "json")
+    path = file_of(folder, name, "json")
     write_atomically(path, to_json(document, str(path)).encode() + b"\n")
 
 
-def read_document(folder: Path, name: str) -> Any | None:
-    """The value in `<name>.json`, or None if there is no such file.
+def document_of(data: bytes, where: Path) -> Any:
+    """The value in the bytes of a document.
 
     Raises:
-        IntegrityError: If the file isn't JSON.
+        IntegrityError: If they aren't JSON.
     """
-    path = _file(folder, name, "json")
+    return from_json(data.rstrip(b"\n"), str(where))
+
+
+def with_hash(value: Any, what: str) -> bytes:
+    """JSON that carries its own SHA-256, so that `checked` finds any change of it."""
+    text = to_json(value, what)
+    return f'{{"sha256": "{hashlib.sha256(text.encode()).hexdigest()}", "content": {text}}}\n'.encode()
+
+
+def checked(data: bytes, what: str) -> Any:
+    """The value in what `with_hash` gave.
+
+    Raises:
+        IntegrityError: If a byte of it is another.
+    """
+    found = from_json(data, what)
     try:
-        return from_json(path.read_bytes().rstrip(b"\n"), str(path))
-    except FileNotFoundError:
-        return None
+        content = found["content"]
+        if data == with_hash(content, what):
+            return content
+    except (KeyError, PaddlectlError, RecursionError, TypeError):
+        pass
+    raise IntegrityError(f"{what} isn't what was written (SHA-256 differs)", "run: paddlectl registry check")
 
 
 def sync_files(folder: Path) -> None:
@@ -107,7 +121,8 @@ def sync_files(folder: Path) -> None:
             os.fsync(file.fileno())
 
 
-def _file(folder: Path, name: str, suffix: str) -> Path:
+def file_of(folder: Path, name: str, suffix: str) -> Path:
+    """Where the run's table (`jsonl`) or document (`json`) of that name stands."""
     if not _NAME.fullmatch(name):
         raise ValueError(f"not a name for a run's file: {name!r}")
     return folder / f"{name}.{suffix}"

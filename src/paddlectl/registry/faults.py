@@ -14,6 +14,9 @@ _NOT_ALLOWED = {errno.EACCES, errno.EPERM, errno.EROFS}
 _BUSY = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
 _CLOSED = {sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_AUTH}
 
+_WAITED = {"55P03", "57014", "40P01"}
+_NOT_THERE = {"08", "28", "3D", "57", "53", "25"}
+
 
 @contextmanager
 def faults(place: str) -> Iterator[None]:
@@ -38,9 +41,11 @@ def faults(place: str) -> Iterator[None]:
 
 
 def _database_fault(place: str, error: BaseException | None) -> PaddlectlError:
+    if (state := getattr(error, "sqlstate", "")) != "":
+        return _server_fault(place, state, error)
     # The low byte is the kind of fault. The driver's own errors, such as text that isn't UTF-8, have none.
     code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
-    what = "".join(c if c.isprintable() else "?" for c in str(error)[:200])
+    what = _printable(error)
     if code in _BUSY:
         return busy(place)
     if code == sqlite3.SQLITE_FULL:
@@ -54,8 +59,26 @@ def _database_fault(place: str, error: BaseException | None) -> PaddlectlError:
         return PaddlectlError(f"the disk failed under the registry {place}: {what}", "nothing was changed")
     return IntegrityError(
         f"{place}/registry.db is damaged or no registry: {what}",
-        "restore it from a copy, or move the folder aside",
+        "run: paddlectl registry repair",
     )
+
+
+def _server_fault(place: str, state: str | None, error: BaseException | None) -> PaddlectlError:
+    """PostgreSQL's, by the class of its SQLSTATE; None while there is no connection."""
+    if state in _WAITED:
+        return busy(place)
+    if state == "53100":
+        return _full(place)
+    what = _printable(error)
+    if state is None or state[:2] in _NOT_THERE:
+        return PaddlectlError(
+            f"the registry {place} can't be opened or written: {what}", "check the address and your rights"
+        )
+    return IntegrityError(f"{place} is damaged or no registry: {what}", "run: paddlectl registry repair")
+
+
+def _printable(error: BaseException | None) -> str:
+    return "".join(c if c.isprintable() else " " for c in str(error).strip()[:200])
 
 
 def _system_fault(place: str, error: OSError) -> PaddlectlError:

@@ -24,6 +24,7 @@ class RunRecord:
         results: Figures of the run (success_rate, mean_score, jump_start, …); empty until finished.
         policy: Id of the policy that came out of it, if any.
         created: ISO 8601, UTC, as `finished`.
+        resumes: How often it was resumed after it had stopped.
     """
 
     id: str
@@ -43,6 +44,7 @@ class RunRecord:
     policy: str | None
     created: str
     finished: str | None
+    resumes: int = 0
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,26 @@ from collections.abc import Iterable, Sequence
 from types import NoneType
 from typing import Any
 
-from sqlalchemy import Column, Float, ForeignKey, Integer, MetaData, Select, Table, Text, func, select
+from sqlalchemy import (
+    BigInteger,
+    Column,
+    Float,
+    ForeignKey,
+    Integer,
+    MetaData,
+    Select,
+    Table,
+    Text,
+    func,
+    select,
+)
 
 from paddlectl.errors import IntegrityError
 from paddlectl.registry.documents import from_json
 from paddlectl.registry.records import PolicyRecord, RunRecord
 
 # Every revision in migrations/versions, oldest first. Kept here so that reading needs no alembic.
-REVISIONS = ("0001",)
+REVISIONS = ("0001", "0002")
 
 # Named, because SQLite's batch migrations can only change constraints that have names.
 metadata = MetaData(
@@ -22,6 +34,9 @@ metadata = MetaData(
     }
 )
 
+# SQLite's integers have 64 bits as they are.
+Long = BigInteger().with_variant(Integer, "sqlite")
+
 runs = Table(
     "runs",
     metadata,
@@ -31,16 +46,17 @@ runs = Table(
     Column("task", Text, nullable=False),
     Column("scenario", Text),
     Column("sources", Text, nullable=False),
-    Column("seed", Integer, nullable=False),
+    Column("seed", Long, nullable=False),
     Column("status", Text, nullable=False),
     Column("settings", Text, nullable=False),
     Column("versions", Text, nullable=False),
-    Column("frames", Integer, nullable=False),
-    Column("episodes", Integer, nullable=False),
+    Column("frames", Long, nullable=False),
+    Column("episodes", Long, nullable=False),
     Column("seconds", Float, nullable=False),
     Column("results", Text, nullable=False),
     Column("created", Text, nullable=False),
     Column("finished", Text),
+    Column("resumes", Integer, nullable=False, server_default="0"),
     sqlite_autoincrement=True,
 )
 
@@ -52,8 +68,8 @@ policies = Table(
     Column("task", Text, nullable=False, index=True),
     Column("domain", Text, nullable=False),
     Column("method", Text, nullable=False),
-    Column("seed", Integer, nullable=False),
-    Column("frames", Integer, nullable=False),
+    Column("seed", Long, nullable=False),
+    Column("frames", Long, nullable=False),
     Column("program", Text, nullable=False),
     Column("checkpoint", Text, nullable=False),
     Column("success_rate", Float, nullable=False),
@@ -65,7 +81,8 @@ policies = Table(
     sqlite_autoincrement=True,
 )
 
-_VALUES = {"INTEGER": int, "FLOAT": float, "TEXT": str}
+_REPAIR = "run: paddlectl registry repair"
+_VALUES = {"INTEGER": int, "BIGINT": int, "FLOAT": float, "TEXT": str}
 
 
 def _expected(table: Table) -> list[tuple[type, ...]]:
@@ -123,12 +140,12 @@ def policy_record(row: Sequence[Any]) -> PolicyRecord:
 
 def _check(row: Sequence[Any], types: list[tuple[type, ...]], table: str) -> None:
     if not all(map(isinstance, row, types)):
-        raise IntegrityError(f"row {row[0]!r} of {table} in registry.db is damaged", "restore it from a copy")
+        raise IntegrityError(f"row {row[0]!r} of {table} in the index is damaged", _REPAIR)
 
 
 def _stored(kind: type, text: str, name: str, known: dict[str, Any]) -> Any:
     if text not in known:
-        known[text] = from_json(text, f"{name} in registry.db")
+        known[text] = from_json(text, f"{name} in the index")
     if not isinstance(known[text], kind):
-        raise IntegrityError(f"{name} in registry.db is damaged", "restore it from a copy")
+        raise IntegrityError(f"{name} in the index is damaged", _REPAIR)
     return known[text]

@@ -1,6 +1,5 @@
 """The registry: what was trained, with its programs, checkpoints and figures, in one folder."""
 
-import difflib
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -10,21 +9,25 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from sqlalchemy import Connection, Engine, insert, select, update
+from sqlalchemy import Connection, Engine, delete, insert, select, update
 
 from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, UsageError
-from paddlectl.registry import database, documents, objects
+from paddlectl.registry import checkpoints, documents, layout, manifests, objects
+from paddlectl.registry.database import Database, require_current, stamp
 from paddlectl.registry.faults import faults
+from paddlectl.registry.names import number_of, shown
+from paddlectl.registry.postgres import PostgresDatabase
+from paddlectl.registry.queries import best_policy, find_policy, find_run
 from paddlectl.registry.records import RUN_STATES, PolicyRecord, RunRecord
 from paddlectl.registry.schema import REVISIONS, policies, policy_record, run_records, runs, select_runs
+from paddlectl.registry.sqlite import SqliteDatabase
 
-_ID = re.compile(r"(run|policy)-([1-9][0-9]{0,17})")
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _LARGEST = 2**63 - 1
 
 
 class Registry:
-    """A folder with `registry.db`, `objects/<sha256>.safetensors` and `runs/<run>/`.
+    """A folder with `registry.db`, `manifests/`, `objects/<sha256>.safetensors` and `runs/<run>/`.
 
     It holds no open file between calls, so it may be kept, closed, forked or dropped at any time. Processes
     share a registry by its location. Faults of disk and database come out of every method as PaddlectlError:
@@ -32,23 +35,25 @@ class Registry:
     that another version took over.
 
     Attributes:
-        location: The folder, as it was given.
+        location: The folder or address, as it was given.
+        shown: The same for messages, without a password.
+        folder: Where its files are.
     """
 
     location: str
 
-    def __init__(self, folder: Path) -> None:
-        self.location = str(folder)
-        self._folder = folder
-        path = database.database_path(folder)
-        self._reading, self._writing = database.reading(path), database.writing(path)
+    def __init__(self, location: str | Path) -> None:
+        self.location = str(location).removeprefix("sqlite:///")
+        self._database = database_of(location)
+        self.shown, self.folder = self._database.shown, self._database.folder
+        self._reading, self._writing = self._database.reading(), self._database.writing()
 
     @classmethod
     def open(cls, location: str | Path, *, create: bool = True) -> "Registry":
         """Opens a registry; makes it, or brings an older one up to date, where needed.
 
         Args:
-            location: A folder, or `sqlite:///` and a folder.
+            location: A folder, `sqlite:///` and a folder, or `postgresql://…?files=` and a folder.
             create: Whether to make a registry where there is none.
 
         Raises:
@@ -56,17 +61,17 @@ class Registry:
             SchemaVersionError: If a newer paddlectl wrote it; nothing is touched then.
             IntegrityError: If it is damaged.
         """
-        folder = _folder(location)
-        with faults(str(folder)):
-            if not database.database_path(folder).exists():
+        registry = cls(location)
+        index = registry._database
+        with faults(index.shown):
+            if not index.exists():
                 if not create:
-                    raise NotFoundError(f"no registry at {folder}", "run: paddlectl train BoxDoor")
-                database.create(folder)
-            registry = cls(folder)
+                    raise NotFoundError(f"no registry at {index.shown}", "run: paddlectl train BoxDoor")
+                index.create()
             with registry._reading.begin() as connection:
-                found = database.stamp(connection)
+                found = stamp(connection, index.file)
             if found in REVISIONS[:-1]:
-                database.upgrade(folder)
+                index.upgrade()
         with registry._transaction(registry._reading):
             return registry
 
@@ -115,9 +120,10 @@ class Registry:
             "created": _now(),
         }
         with self._transaction(self._writing) as connection:
-            number = _inserted(connection.execute(insert(runs).values(row)).inserted_primary_key)
-            self._make_run_folder(f"run-{number}")
-            return _find_run(connection, f"run-{number}")
+            name = f"run-{self._insert(connection, 'run', row)}"
+            self._make_run_folder(name)
+            self._publish(connection, name)
+            return find_run(connection, name)
 
     def finish_run(
         self, run: str, *, status: str, frames: int, episodes: int, seconds: float, results: Mapping[str, Any]
@@ -138,10 +144,39 @@ class Registry:
             "finished": _now(),
         }
         with self._transaction(self._writing) as connection:
-            number = int(_find_run(connection, run).id.removeprefix("run-"))
+            number = number_of(find_run(connection, run).id, "run")
             documents.sync_files(self._run_folder(run))
             connection.execute(update(runs).where(runs.c.id == number).values(row))
-            return _find_run(connection, run)
+            self._publish(connection, run)
+            return find_run(connection, run)
+
+    def resume_run(self, run: str) -> RunRecord:
+        """Marks a run that had stopped as `running` again; its process holds it meanwhile (`hold`).
+
+        Raises:
+            NotFoundError: If there is no such run.
+            UsageError: If it is finished.
+        """
+        with self._transaction(self._writing) as connection:
+            found = find_run(connection, run)
+            if found.status == "finished":
+                raise UsageError(f"{run} is finished", f"run: paddlectl explain {run}")
+            again = {"status": "running", "finished": None, "resumes": found.resumes + 1}
+            connection.execute(update(runs).where(runs.c.id == number_of(run, "run")).values(again))
+            self._publish(connection, run)
+            return find_run(connection, run)
+
+    @contextmanager
+    def hold(self, run: str) -> Iterator[None]:
+        """Says to other processes that the run goes on here, until the block or the process ends.
+
+        Raises:
+            RegistryBusyError: If it goes on in another process.
+        """
+        with faults(self.shown):
+            file = layout.take(self._run_folder(run))
+        with file:
+            yield
 
     def run(self, run: str) -> RunRecord:
         """The run of an id such as `run-42`.
@@ -150,7 +185,7 @@ class Registry:
             NotFoundError: If there is none; with the nearest id.
         """
         with self._transaction(self._reading) as connection:
-            return _find_run(connection, run)
+            return find_run(connection, run)
 
     def runs(self) -> list[RunRecord]:
         """All runs, newest first."""
@@ -198,12 +233,13 @@ class Registry:
             "metadata": documents.to_json(dict(metadata), "metadata"),
         }
         with self._transaction(self._reading) as connection:
-            number = int(_find_run(connection, run).id.removeprefix("run-"))
-        with faults(self.location):
-            digest = objects.publish(self._folder / "objects", checkpoint)
+            owner = number_of(find_run(connection, run).id, "run")
+        with faults(self.shown):
+            digest = objects.publish(self.folder / "objects", checkpoint)
         with self._transaction(self._writing) as connection:
-            statement = insert(policies).values(row | {"run": number, "checkpoint": digest})
-            return _find_policy(connection, _inserted(connection.execute(statement).inserted_primary_key))
+            number = self._insert(connection, "policy", row | {"run": owner, "checkpoint": digest})
+            self._publish(connection, f"policy-{number}")
+            return find_policy(connection, number)
 
     def policy(self, name: str) -> PolicyRecord:
         """The policy of an id such as `policy-7`, or the best one of a task.
@@ -214,10 +250,10 @@ class Registry:
             NotFoundError: If there is none; with the nearest name.
         """
         with self._transaction(self._reading) as connection:
-            number = _number(name, "policy")
+            number = number_of(name, "policy")
             if number is not None:
-                return _find_policy(connection, number)
-            return _best_policy(connection, name)
+                return find_policy(connection, number)
+            return best_policy(connection, name)
 
     def policies(self) -> list[PolicyRecord]:
         """All policies, newest first."""
@@ -231,39 +267,97 @@ class Registry:
         Raises:
             IntegrityError: If they are missing or aren't what was stored.
         """
-        with faults(self.location):
+        with faults(self.shown):
             hint = f"train it again: paddlectl train {policy.task}"
-            return objects.read(self._folder / "objects", policy.checkpoint, policy.id, hint)
+            return objects.read(self.folder / "objects", policy.checkpoint, policy.id, hint)
 
     # The run's folder
 
     def append_rows(self, run: str, name: str, rows: Iterable[Mapping[str, Any]]) -> None:
         """Adds rows to the run's `<name>.jsonl`."""
-        with faults(self.location):
+        with faults(self.shown):
             documents.append_rows(self._run_folder(run), name, rows)
 
     def read_rows(self, run: str, name: str) -> list[dict[str, Any]]:
-        """The rows of the run's `<name>.jsonl`; empty if there is none."""
-        with faults(self.location):
-            return documents.read_rows(self._run_folder(run), name)
+        """The rows of the run's `<name>.jsonl`; empty if there is none.
+
+        Raises:
+            IntegrityError: If the run has ended, and the file isn't what it was then.
+        """
+        with faults(self.shown):
+            path, data = self._read(run, name, "jsonl")
+            return [] if data is None else documents.rows_of(data, path)
 
     def write_document(self, run: str, name: str, document: Any) -> None:
         """Writes or replaces the run's `<name>.json` whole."""
-        with faults(self.location):
+        with faults(self.shown):
             documents.write_document(self._run_folder(run), name, document)
 
     def read_document(self, run: str, name: str) -> Any | None:
-        """The value of the run's `<name>.json`; None if there is none."""
-        with faults(self.location):
-            return documents.read_document(self._run_folder(run), name)
+        """The value of the run's `<name>.json`; None if there is none.
+
+        Raises:
+            IntegrityError: If the run has ended, and the file isn't what it was then.
+        """
+        with faults(self.shown):
+            path, data = self._read(run, name, "json")
+            return None if data is None else documents.document_of(data, path)
+
+    # Checkpoints of a run that goes on
+
+    def save_checkpoint(self, run: str, document: Any, arrays: bytes) -> None:
+        """Keeps all that a run needs to go on, beside its tables as they are now; the last two are kept."""
+        with faults(self.shown):
+            checkpoints.save(self._run_folder(run), document, arrays)
+
+    def rewind(self, run: str) -> checkpoints.Checkpoint | None:
+        """Cuts the run's tables back to its newest whole checkpoint, and gives that; None if it had none yet.
+
+        Raises:
+            IntegrityError: If it has checkpoints, but none of them is whole.
+        """
+        with faults(self.shown):
+            return checkpoints.rewind(self._run_folder(run))
+
+    def drop_checkpoints(self, run: str) -> None:
+        """Frees their space once the run is finished."""
+        with faults(self.shown):
+            checkpoints.drop(self._run_folder(run))
+
+    def _read(self, run: str, name: str, suffix: str) -> tuple[Path, bytes | None]:
+        path = documents.file_of(self._run_folder(run), name, suffix)
+        try:
+            data = path.read_bytes()
+        except FileNotFoundError:
+            data = None
+        files = manifests.read(self.folder, run).files
+        if files is not None and (data is not None or manifests.key(self.folder, path) in files):
+            manifests.verify(self.folder, path, data, files)
+        return path, data
+
+    def _insert(self, connection: Connection, kind: str, row: Mapping[str, Any]) -> int:
+        """Adds a row under a number that no manifest has, not even one that the index lost."""
+        table = layout.ROW_TABLES[kind]
+        number = _inserted(connection.execute(insert(table).values(row)).inserted_primary_key)
+        if manifests.path_of(self.folder, f"{kind}-{number}").exists():
+            connection.execute(delete(table).where(table.c.id == number))
+            numbers = (number_of(name, kind) for name in manifests.names(self.folder))
+            number = 1 + max(found for found in numbers if found)
+            connection.execute(insert(table).values({**row, "id": number}))
+            self._database.count_from(connection, kind, number)
+        return number
+
+    def _publish(self, connection: Connection, name: str) -> None:
+        """Writes the manifest of a row; what it says is true once the transaction is committed."""
+        manifests.write(self.folder, layout.manifest_of(self.folder, connection, name))
 
     def _run_folder(self, run: str) -> Path:
-        if _number(run, "run") is None or not (self._folder / "runs" / run).is_dir():
-            raise NotFoundError(f"no folder of a run {_shown(run)}", "run: paddlectl runs")
-        return self._folder / "runs" / run
+        if number_of(run, "run") is None or not (self.folder / "runs" / run).is_dir():
+            raise NotFoundError(f"no folder of a run {shown(run)}", "run: paddlectl runs")
+        return self.folder / "runs" / run
 
     def _make_run_folder(self, run: str) -> None:
-        folder = self._folder / "runs" / run
+        folder = self.folder / "runs" / run
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise IntegrityError(
@@ -274,70 +368,25 @@ class Registry:
 
     @contextmanager
     def _transaction(self, engine: Engine) -> Iterator[Connection]:
-        with faults(self.location), engine.begin() as connection:
-            database.require_current(connection)
+        with faults(self.shown), engine.begin() as connection:
+            require_current(connection, self._database.file)
             yield connection
 
 
-def _folder(location: str | Path) -> Path:
+def database_of(location: str | Path) -> Database:
+    """The index that a location names.
+
+    Raises:
+        UsageError: If it names none.
+    """
     text = str(location).removeprefix("sqlite:///")
+    if re.match(r"postgres(ql)?(\+psycopg)?://", text):
+        return PostgresDatabase("postgresql" + text[text.index("://") :])
     if address := _ADDRESS.match(text):
         raise UsageError(f"a registry can't be at a {address[1]} address", "give a folder")
     if not text or "\0" in text:
         raise UsageError("that is no place for a registry", "give a folder")
-    return Path(text)
-
-
-def _find_run(connection: Connection, name: str) -> RunRecord:
-    number = _number(name, "run")
-    row = connection.execute(select_runs().where(runs.c.id == number)).first() if number else None
-    if row is None:
-        known = [f"run-{i}" for i in connection.scalars(select(runs.c.id))]
-        raise NotFoundError(f"no run {_shown(name)}", _nearest(name, known) + "run: paddlectl runs")
-    return run_records([row])[0]
-
-
-def _find_policy(connection: Connection, number: int) -> PolicyRecord:
-    row = connection.execute(select(policies).where(policies.c.id == number)).first()
-    if row is None:
-        name, known = f"policy-{number}", [f"policy-{i}" for i in connection.scalars(select(policies.c.id))]
-        raise NotFoundError(f"no policy {name}", _nearest(name, known) + "run: paddlectl policies")
-    return policy_record(row)
-
-
-def _best_policy(connection: Connection, task: str) -> PolicyRecord:
-    c = policies.c
-    best_first = (c.success_rate.desc(), c.mean_score.desc(), c.id.desc())
-    row = connection.execute(select(policies).where(c.task == task).order_by(*best_first).limit(1)).first()
-    if row is None:
-        raise NotFoundError(f"no policy for {_shown(task)}", _way_to_policy(connection, task))
-    return policy_record(row)
-
-
-def _way_to_policy(connection: Connection, task: str) -> str:
-    solved = [str(name) for name in connection.scalars(select(policies.c.task).distinct())]
-    # A high bar: many tasks have names that are alike, and this one may only lack a policy.
-    near = _nearest(task, solved, 0.85)
-    return (
-        f"{near}run: paddlectl policies"
-        if near or _ID.fullmatch(task)
-        else f"run: paddlectl train {_shown(task)}"
-    )
-
-
-def _nearest(name: str, known: Sequence[str], cutoff: float = 0.6) -> str:
-    folded = {text.casefold(): text for text in known}
-    near = difflib.get_close_matches(name[:80].casefold(), folded, n=1, cutoff=cutoff)
-    return f"did you mean {folded[near[0]]}? or " if near else ""
-
-
-def _number(name: str, kind: str) -> int | None:
-    found = _ID.fullmatch(name)
-    return int(found[2]) if found and found[1] == kind else None
-
-
-def _shown(name: str) -> str:
-    return name if name.isprintable() and len(name) <= 80 else repr(name[:80])
+    return SqliteDatabase(Path(text))
 
 
 def _inserted(key: Sequence[Any] | None) -> int:

@@ -8,6 +8,8 @@ down_revision = None
 branch_labels = None
 depends_on = None
 
+LONG = sa.BigInteger().with_variant(sa.Integer, "sqlite")
+
 
 def upgrade() -> None:
     """Creates both tables."""
@@ -19,12 +21,12 @@ def upgrade() -> None:
         sa.Column("task", sa.Text, nullable=False),
         sa.Column("scenario", sa.Text),
         sa.Column("sources", sa.Text, nullable=False),
-        sa.Column("seed", sa.Integer, nullable=False),
+        sa.Column("seed", LONG, nullable=False),
         sa.Column("status", sa.Text, nullable=False),
         sa.Column("settings", sa.Text, nullable=False),
         sa.Column("versions", sa.Text, nullable=False),
-        sa.Column("frames", sa.Integer, nullable=False),
-        sa.Column("episodes", sa.Integer, nullable=False),
+        sa.Column("frames", LONG, nullable=False),
+        sa.Column("episodes", LONG, nullable=False),
         sa.Column("seconds", sa.Float, nullable=False),
         sa.Column("results", sa.Text, nullable=False),
         sa.Column("created", sa.Text, nullable=False),
@@ -39,8 +41,8 @@ def upgrade() -> None:
         sa.Column("task", sa.Text, nullable=False),
         sa.Column("domain", sa.Text, nullable=False),
         sa.Column("method", sa.Text, nullable=False),
-        sa.Column("seed", sa.Integer, nullable=False),
-        sa.Column("frames", sa.Integer, nullable=False),
+        sa.Column("seed", LONG, nullable=False),
+        sa.Column("frames", LONG, nullable=False),
         sa.Column("program", sa.Text, nullable=False),
         sa.Column("checkpoint", sa.Text, nullable=False),
         sa.Column("success_rate", sa.Float, nullable=False),

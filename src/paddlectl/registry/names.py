@@ -1,0 +1,30 @@
+"""Ids, `run-42` and `policy-7`, and what to say of one that isn't there."""
+
+import difflib
+import re
+from collections.abc import Sequence
+
+_ID = re.compile(r"(run|policy)-([1-9][0-9]{0,17})")
+
+
+def number_of(name: str, kind: str) -> int | None:
+    """The number in an id of that kind, `run` or `policy`; None if the name isn't one."""
+    found = _ID.fullmatch(name)
+    return int(found[2]) if found and found[1] == kind else None
+
+
+def is_id(name: str) -> bool:
+    """Whether the name has the form of an id."""
+    return _ID.fullmatch(name) is not None
+
+
+def nearest(name: str, known: Sequence[str], cutoff: float = 0.6) -> str:
+    """`did you mean …? or `, or nothing if no known name is near."""
+    folded = {text.casefold(): text for text in known}
+    near = difflib.get_close_matches(name[:80].casefold(), folded, n=1, cutoff=cutoff)
+    return f"did you mean {folded[near[0]]}? or " if near else ""
+
+
+def shown(name: str) -> str:
+    """The name, safe and short enough for a message."""
+    return name if name.isprintable() and len(name) <= 80 else repr(name[:80])

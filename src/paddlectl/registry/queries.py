@@ -1,0 +1,56 @@
+"""Single rows of the index, and what to say of one that isn't there."""
+
+from sqlalchemy import Connection, select
+
+from paddlectl.errors import NotFoundError
+from paddlectl.registry.names import is_id, nearest, number_of, shown
+from paddlectl.registry.records import PolicyRecord, RunRecord
+from paddlectl.registry.schema import policies, policy_record, run_records, runs, select_runs
+
+
+def find_run(connection: Connection, name: str) -> RunRecord:
+    """The run of an id.
+
+    Raises:
+        NotFoundError: If there is none; with the nearest id.
+    """
+    number = number_of(name, "run")
+    row = connection.execute(select_runs().where(runs.c.id == number)).first() if number else None
+    if row is None:
+        known = [f"run-{i}" for i in connection.scalars(select(runs.c.id))]
+        raise NotFoundError(f"no run {shown(name)}", nearest(name, known) + "run: paddlectl runs")
+    return run_records([row])[0]
+
+
+def find_policy(connection: Connection, number: int) -> PolicyRecord:
+    """The policy of a number.
+
+    Raises:
+        NotFoundError: If there is none; with the nearest id.
+    """
+    row = connection.execute(select(policies).where(policies.c.id == number)).first()
+    if row is None:
+        name, known = f"policy-{number}", [f"policy-{i}" for i in connection.scalars(select(policies.c.id))]
+        raise NotFoundError(f"no policy {name}", nearest(name, known) + "run: paddlectl policies")
+    return policy_record(row)
+
+
+def best_policy(connection: Connection, task: str) -> PolicyRecord:
+    """The best policy of a task: by success rate, then by mean score, then the newest.
+
+    Raises:
+        NotFoundError: If there is none; with the nearest name.
+    """
+    c = policies.c
+    best_first = (c.success_rate.desc(), c.mean_score.desc(), c.id.desc())
+    row = connection.execute(select(policies).where(c.task == task).order_by(*best_first).limit(1)).first()
+    if row is None:
+        raise NotFoundError(f"no policy for {shown(task)}", _way_to_policy(connection, task))
+    return policy_record(row)
+
+
+def _way_to_policy(connection: Connection, task: str) -> str:
+    solved = [str(name) for name in connection.scalars(select(policies.c.task).distinct())]
+    # A high bar: many tasks have names that are alike, and this one may only lack a policy.
+    near = nearest(task, solved, 0.85)
+    return f"{near}run: paddlectl policies" if near or is_id(task) else f"run: paddlectl train {shown(task)}"
