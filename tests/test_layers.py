@@ -20,7 +20,7 @@ FLOOR = {
 HOMES = {
     "torch": {"learners", "hybrid", "transfer", "experiments"},
     "gymnasium": {"tasks"}, "minigrid": {"tasks"}, "gymnasium_robotics": {"tasks"}, "mujoco": {"tasks"},
-    "sympy": {"logic"}, "sqlalchemy": {"registry"}, "alembic": {"registry"},
+    "sympy": {"logic"}, "sqlalchemy": {"registry"}, "alembic": {"registry"}, "psycopg": {"registry"},
     "safetensors": {"registry", "experiments", "learners", "hybrid"},
     "pydantic": {"scenario"}, "yaml": {"scenario"},
     "rich": {"report"}, "matplotlib": {"report"}, "jinja2": {"report"}, "PIL": {"report", "tasks"},

@@ -45,3 +45,8 @@ def registry(location: Path, new: Path) -> Registry:
 @pytest.fixture
 def add(registry: Registry) -> Filler:
     return Filler(registry)
+
+
+@pytest.fixture(scope="session")
+def filler() -> type[Filler]:
+    return Filler

@@ -31,7 +31,9 @@ COMMANDS = {
     "similarity": "Show Ψ: for each scene of the target the best scenes of each source, and their ψ.",
     "transfer": "Learn a scenario's target, guided by policies of its sources.",
     "explain": "Tell why a transfer acted as it did: program, Ψ, weights per scene, one episode.",
+    "registry": "Check, mend, clean, move and upgrade the registry.",
 }
+GROUPS = {"registry"}
 
 
 def make_app(loaded: Collection[str]) -> typer.Typer:
@@ -47,6 +49,9 @@ def make_app(loaded: Collection[str]) -> typer.Typer:
     for name, purpose in COMMANDS.items():
         if name in loaded:
             module = import_module(f"paddlectl.cli.{name}")
+            if name in GROUPS:
+                app.add_typer(module.app, name=name, help=purpose)
+                continue
             app.command(name, help=purpose, epilog=module.EXAMPLE)(getattr(module, name))
         else:
             app.command(name, help=purpose)(_not_loaded)
@@ -122,11 +127,11 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _told(message: str, hint: str, code: int) -> int:
-    from paddlectl.cli.texts import one_line
+    from paddlectl.cli.texts import one_line, without_secrets
 
-    print(f"error: {one_line(message)}", file=sys.stderr)
+    print(f"error: {one_line(without_secrets(message))}", file=sys.stderr)
     if hint:
-        print(one_line(hint), file=sys.stderr)
+        print(one_line(without_secrets(hint)), file=sys.stderr)
     return code
 
 
@@ -150,7 +155,9 @@ def _unexpected(error: Exception) -> int:
     if os.environ.get("PADDLECTL_DEBUG"):
         traceback.print_exception(error)
         return 1
-    log = _write_log("".join(traceback.format_exception(error)))
+    from paddlectl.cli.texts import without_secrets
+
+    log = _write_log(without_secrets("".join(traceback.format_exception(error))))
     return _told(f"unexpected {type(error).__name__}: {error}", f"the details are in {log}" if log else "", 1)
 
 

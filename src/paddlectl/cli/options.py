@@ -28,6 +28,10 @@ def complete_runs(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     return [pair for pair in run_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
 
 
+def complete_held(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    return complete_policies(ctx, incomplete) + complete_runs(ctx, incomplete)
+
+
 def complete_scenarios(incomplete: str) -> list[str]:
     from paddlectl.cli.completion import scenario_files
 

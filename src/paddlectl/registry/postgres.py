@@ -33,7 +33,7 @@ class PostgresDatabase:
         return self._engine("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY")
 
     def writing(self) -> Engine:
-        """One writer at a time, as with SQLite: ids follow each other, and nothing read is changed meanwhile."""
+        """One writer at a time, as with SQLite; what it reads stays as it is meanwhile."""
         return self._engine(
             f"SET LOCAL lock_timeout = '{int(database.WAIT * 1000)}ms'",
             f"SELECT pg_advisory_xact_lock({_LOCK})",

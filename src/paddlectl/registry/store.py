@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,13 +12,14 @@ from typing import Any, Self
 from sqlalchemy import Connection, Engine, delete, insert, select, update
 
 from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, UsageError
-from paddlectl.registry import checkpoints, documents, layout, manifests, objects
+from paddlectl.registry import documents, layout, manifests, objects
 from paddlectl.registry.database import Database, require_current, stamp
 from paddlectl.registry.faults import faults
-from paddlectl.registry.names import number_of, shown
+from paddlectl.registry.names import number_of
 from paddlectl.registry.postgres import PostgresDatabase
 from paddlectl.registry.queries import best_policy, find_policy, find_run
 from paddlectl.registry.records import RUN_STATES, PolicyRecord, RunRecord
+from paddlectl.registry.runfiles import RunFiles
 from paddlectl.registry.schema import REVISIONS, policies, policy_record, run_records, runs, select_runs
 from paddlectl.registry.sqlite import SqliteDatabase
 
@@ -26,7 +27,7 @@ _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _LARGEST = 2**63 - 1
 
 
-class Registry:
+class Registry(RunFiles):
     """A folder with `registry.db`, `manifests/`, `objects/<sha256>.safetensors` and `runs/<run>/`.
 
     It holds no open file between calls, so it may be kept, closed, forked or dropped at any time. Processes
@@ -166,18 +167,6 @@ class Registry:
             self._publish(connection, run)
             return find_run(connection, run)
 
-    @contextmanager
-    def hold(self, run: str) -> Iterator[None]:
-        """Says to other processes that the run goes on here, until the block or the process ends.
-
-        Raises:
-            RegistryBusyError: If it goes on in another process.
-        """
-        with faults(self.shown):
-            file = layout.take(self._run_folder(run))
-        with file:
-            yield
-
     def run(self, run: str) -> RunRecord:
         """The run of an id such as `run-42`.
 
@@ -237,6 +226,10 @@ class Registry:
         with faults(self.shown):
             digest = objects.publish(self.folder / "objects", checkpoint)
         with self._transaction(self._writing) as connection:
+            if not objects.object_path(
+                self.folder / "objects", digest
+            ).exists():  # `alone` may have come first
+                objects.publish(self.folder / "objects", checkpoint)
             number = self._insert(connection, "policy", row | {"run": owner, "checkpoint": digest})
             self._publish(connection, f"policy-{number}")
             return find_policy(connection, number)
@@ -271,69 +264,27 @@ class Registry:
             hint = f"train it again: paddlectl train {policy.task}"
             return objects.read(self.folder / "objects", policy.checkpoint, policy.id, hint)
 
-    # The run's folder
+    @contextmanager
+    def alone(self) -> Iterator[frozenset[str]]:
+        """Nobody else writes meanwhile; gives the names of all files that rows need."""
+        with self._transaction(self._writing) as connection:
+            digests = connection.scalars(select(policies.c.checkpoint)).all()
+            numbers = [
+                (kind, n) for kind, t in layout.ROW_TABLES.items() for n in connection.scalars(select(t.c.id))
+            ]
+            rows = {f"{kind}-{number}" for kind, number in numbers}
+            needed = {f"{digest}.safetensors" for digest in digests} | rows | {f"{row}.json" for row in rows}
+            yield frozenset(needed)
 
-    def append_rows(self, run: str, name: str, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Adds rows to the run's `<name>.jsonl`."""
-        with faults(self.shown):
-            documents.append_rows(self._run_folder(run), name, rows)
+    @contextmanager
+    def mending(self) -> Iterator[Connection]:
+        """A transaction on the rows themselves, for `registry repair`."""
+        with self._transaction(self._writing) as connection:
+            yield connection
 
-    def read_rows(self, run: str, name: str) -> list[dict[str, Any]]:
-        """The rows of the run's `<name>.jsonl`; empty if there is none.
-
-        Raises:
-            IntegrityError: If the run has ended, and the file isn't what it was then.
-        """
-        with faults(self.shown):
-            path, data = self._read(run, name, "jsonl")
-            return [] if data is None else documents.rows_of(data, path)
-
-    def write_document(self, run: str, name: str, document: Any) -> None:
-        """Writes or replaces the run's `<name>.json` whole."""
-        with faults(self.shown):
-            documents.write_document(self._run_folder(run), name, document)
-
-    def read_document(self, run: str, name: str) -> Any | None:
-        """The value of the run's `<name>.json`; None if there is none.
-
-        Raises:
-            IntegrityError: If the run has ended, and the file isn't what it was then.
-        """
-        with faults(self.shown):
-            path, data = self._read(run, name, "json")
-            return None if data is None else documents.document_of(data, path)
-
-    # Checkpoints of a run that goes on
-
-    def save_checkpoint(self, run: str, document: Any, arrays: bytes) -> None:
-        """Keeps all that a run needs to go on, beside its tables as they are now; the last two are kept."""
-        with faults(self.shown):
-            checkpoints.save(self._run_folder(run), document, arrays)
-
-    def rewind(self, run: str) -> checkpoints.Checkpoint | None:
-        """Cuts the run's tables back to its newest whole checkpoint, and gives that; None if it had none yet.
-
-        Raises:
-            IntegrityError: If it has checkpoints, but none of them is whole.
-        """
-        with faults(self.shown):
-            return checkpoints.rewind(self._run_folder(run))
-
-    def drop_checkpoints(self, run: str) -> None:
-        """Frees their space once the run is finished."""
-        with faults(self.shown):
-            checkpoints.drop(self._run_folder(run))
-
-    def _read(self, run: str, name: str, suffix: str) -> tuple[Path, bytes | None]:
-        path = documents.file_of(self._run_folder(run), name, suffix)
-        try:
-            data = path.read_bytes()
-        except FileNotFoundError:
-            data = None
-        files = manifests.read(self.folder, run).files
-        if files is not None and (data is not None or manifests.key(self.folder, path) in files):
-            manifests.verify(self.folder, path, data, files)
-        return path, data
+    def count_from(self, connection: Connection, kind: str, number: int) -> None:
+        """Lets the ids of new runs or policies go on after that number."""
+        self._database.count_from(connection, kind, number)
 
     def _insert(self, connection: Connection, kind: str, row: Mapping[str, Any]) -> int:
         """Adds a row under a number that no manifest has, not even one that the index lost."""
@@ -350,11 +301,6 @@ class Registry:
     def _publish(self, connection: Connection, name: str) -> None:
         """Writes the manifest of a row; what it says is true once the transaction is committed."""
         manifests.write(self.folder, layout.manifest_of(self.folder, connection, name))
-
-    def _run_folder(self, run: str) -> Path:
-        if number_of(run, "run") is None or not (self.folder / "runs" / run).is_dir():
-            raise NotFoundError(f"no folder of a run {shown(run)}", "run: paddlectl runs")
-        return self.folder / "runs" / run
 
     def _make_run_folder(self, run: str) -> None:
         folder = self.folder / "runs" / run

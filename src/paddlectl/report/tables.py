@@ -42,6 +42,10 @@ def size(items: Any) -> str:
     return str(len(items))
 
 
+def yes(value: Any) -> str:
+    return "yes" if value else "no"
+
+
 @dataclass(frozen=True)
 class Column:
     """A heading, the field below it, and how that is written.
@@ -68,7 +72,7 @@ def table(columns: Iterable[Column], rows: Iterable[Row], title: str = "") -> Ta
     for column in columns:
         drawn.add_column(
             column.title,
-            justify="left" if column.written in (words, label) else "right",
+            justify="left" if column.written in (words, label, yes) else "right",
             overflow="fold",
             no_wrap=wide and column.written is not words,
             min_width=NARROWEST if wide and column.written is words else None,
@@ -140,4 +144,10 @@ EVALUATED = (
     Column("success", "success_rate", percent),
     Column("score", "mean_score", figure),
     Column("length", "mean_length", tenths),
+)
+FINDINGS = (
+    Column("fault", "fault", yes),
+    Column("kind", "kind", label),
+    Column("where", "where"),
+    Column("what", "what"),
 )

@@ -1,0 +1,152 @@
+"""`paddlectl registry check | repair | gc | export | import | upgrade`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from paddlectl.cli.options import AsJson, RegistryPlace, complete_held
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from paddlectl.registry.check import Finding
+
+app = typer.Typer(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
+DAMAGED = 5
+
+
+@app.command(epilog="Example: paddlectl registry check --read-data")
+def check(
+    read_data: Annotated[
+        bool, typer.Option("--read-data", help="Also read every byte and compare its SHA-256.")
+    ] = False,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> int:
+    """Look for anything missing, changed or left over; changes nothing. Exit 5 if there is a fault."""
+    from paddlectl.registry import check as checking
+    from paddlectl.report.output import print_json, print_text
+    from paddlectl.report.tables import FINDINGS, table
+
+    report = checking.check(registry, read_data=read_data)
+    rows = _rows(report.findings)
+    if as_json:
+        counts = {"rows": len(report.rows), "files": report.files, "bytes": report.bytes}
+        print_json({**counts, "faults": len(report.faults), "findings": rows})
+    else:
+        looked = f"{len(report.rows)} rows, {report.files} files" + (
+            f", {report.bytes:,} bytes read" if read_data else "; --read-data reads every byte"
+        )
+        told = f"{len(report.faults)} faults; run: paddlectl registry repair" if report.faults else "sound"
+        print_text([*([table(FINDINGS, rows)] if rows else []), f"{told} ({looked})"])
+    return DAMAGED if report.faults else 0
+
+
+@app.command(epilog="Example: paddlectl registry repair")
+def repair(registry: RegistryPlace = "registry", as_json: AsJson = False) -> int:
+    """Make the index again from manifests and objects, tell each change, and throw nothing away.
+
+    Exit 5 if something can't be mended.
+    """
+    from paddlectl.registry import repair as mending
+    from paddlectl.report.output import clean, print_json, print_text
+    from paddlectl.report.tables import FINDINGS, table
+
+    told = mending.repair(registry)
+    rows = _rows(told.left)
+    if as_json:
+        print_json({"done": told.done, "left": rows})
+    else:
+        print_text([clean(line) for line in told.done] or ["nothing to mend"])
+        print_text([table(FINDINGS, rows, "Can't be mended")] if rows else [])
+    return DAMAGED if rows else 0
+
+
+@app.command(epilog="Example: paddlectl registry gc --dry-run")
+def gc(
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would go.")] = False,
+    older_than: Annotated[
+        float, typer.Option(min=0.0, metavar="SECONDS", help="Spare what is younger: a writer may need it.")
+    ] = 3600.0,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Remove what is left over: files that no run and no policy needs."""
+    from paddlectl.registry.garbage import collect
+    from paddlectl.report.output import clean, print_json, print_text
+
+    removed = collect(registry, grace=older_than, dry=dry_run)
+    size = sum(bytes_ for _, bytes_ in removed)
+    if as_json:
+        print_json({"removed": [{"file": name, "bytes": bytes_} for name, bytes_ in removed], "bytes": size})
+    else:
+        what = "would go" if dry_run else "removed"
+        print_text([*(clean(name) for name, _ in removed), f"{len(removed)} files {what}, {size:,} bytes"])
+
+
+@app.command(epilog="Example: paddlectl registry export BoxDoor boxdoor.zip")
+def export(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="POLICY|RUN",
+            autocompletion=complete_held,
+            help="A policy's id, a task's name for its best policy, or a run's id.",
+            show_default=False,
+        ),
+    ],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A new file; .zip is usual.", show_default=False)
+    ],
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Write a policy, or a run with its tables, as one file: a zipped model folder with its card."""
+    from paddlectl.registry.store import Registry
+    from paddlectl.report.bundles import export_bundle
+    from paddlectl.report.output import clean, print_json, print_text
+
+    with Registry.open(registry, create=False) as opened:
+        told = export_bundle(opened, name, file)
+    if as_json:
+        print_json(told)
+    else:
+        print_text([clean(f"{told['exported']} is in {told['file']} ({told['bytes']:,} bytes)")])
+
+
+@app.command("import", epilog="Example: paddlectl registry import boxdoor.zip")
+def import_(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What export wrote.", show_default=False)],
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Take in what `export` wrote, wholly or not at all; anything else is refused with exit 5."""
+    from paddlectl.registry.store import Registry
+    from paddlectl.report.bundles import import_bundle
+    from paddlectl.report.output import clean, print_json, print_text
+
+    told = import_bundle(lambda: Registry.open(registry), file)
+    if as_json:
+        print_json(told)
+    else:
+        known = "was here already as" if told["known"] else "is"
+        print_text([clean(f"{file} {known} {told['policy'] or told['run']}")])
+
+
+@app.command(epilog="Example: paddlectl registry upgrade")
+def upgrade(registry: RegistryPlace = "registry", as_json: AsJson = False) -> None:
+    """Bring the registry to this version's schema; a copy of the old index is kept. Any use does so too."""
+    from paddlectl.registry.schema import REVISIONS
+    from paddlectl.registry.store import Registry
+    from paddlectl.report.output import print_json, print_text
+
+    Registry.open(registry, create=False).close()
+    if as_json:
+        print_json({"schema": REVISIONS[-1]})
+    else:
+        print_text([f"the registry has schema {REVISIONS[-1]}"])
+
+
+def _rows(findings: "Sequence[Finding]") -> list[dict[str, Any]]:
+    return [finding._asdict() for finding in findings]

@@ -1,0 +1,384 @@
+"""`registry check`: everything that the registry holds against everything that it says of it.
+
+Nothing is changed. Structure is quick: rows, manifests, that each file is there and has its size. The data
+are all bytes, by their SHA-256.
+"""
+
+import os
+import re
+import stat
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import safetensors
+from sqlalchemy import Connection, inspect, select
+
+from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError, PaddlectlError
+from paddlectl.logic.syntax import parse_program
+from paddlectl.registry import checkpoints, documents, layout, manifests
+from paddlectl.registry.database import Database, require_current, stamp
+from paddlectl.registry.faults import faults
+from paddlectl.registry.manifests import Manifest, Seal
+from paddlectl.registry.names import is_id, number_of
+from paddlectl.registry.records import RUN_STATES
+from paddlectl.registry.schema import REVISIONS, metadata, policy_record, run_records
+from paddlectl.registry.store import database_of
+
+ELSEWHERE = "elsewhere:"
+"""Before the id of a source that an imported run had in another registry."""
+
+_OBJECT = re.compile(r"[0-9a-f]{64}\.safetensors")
+_RATES = ("success_rate", "crispness")
+
+
+class Finding(NamedTuple):
+    """One thing that isn't as it should be.
+
+    Attributes:
+        kind: A word or two, the same for the same kind of thing.
+        where: The run, policy or file.
+        what: For people.
+        fault: Something was lost or changed; otherwise it is only left over, and `gc` or `resume` is for it.
+    """
+
+    kind: str
+    where: str
+    what: str
+    fault: bool = True
+
+
+@dataclass
+class Report:
+    """What a check found, and how much it looked at.
+
+    Attributes:
+        rows: Of the index, by the name of the run or policy.
+        readable: Whether the index and its tables could be read.
+        bytes: Read and hashed; 0 for a check of the structure.
+    """
+
+    findings: list[Finding] = field(default_factory=list)
+    rows: dict[str, dict[str, Any]] = field(default_factory=dict)
+    manifests: dict[str, Manifest] = field(default_factory=dict)
+    readable: bool = False
+    files: int = 0
+    bytes: int = 0
+
+    def add(self, kind: str, where: str, what: str, *, fault: bool = True) -> None:
+        self.findings.append(Finding(kind, where, what, fault))
+
+    @property
+    def faults(self) -> list[Finding]:
+        return [finding for finding in self.findings if finding.fault]
+
+
+def check(location: str | Path, *, read_data: bool = False) -> Report:
+    """Examines a registry.
+
+    Raises:
+        NotFoundError: If there is none.
+        SchemaVersionError: If a newer paddlectl wrote it.
+    """
+    index = database_of(location)
+    report = Report()
+    with faults(index.shown):
+        if not index.exists():
+            _missing_index(report, index)
+            _read_manifests(report, index.folder)
+            _files(report, index.folder, read_data)
+            return report
+        with _looked_into(report, index) as connection:
+            if connection is not None:
+                _index(report, index, connection)
+            _read_manifests(report, index.folder)
+            if connection is not None:
+                _agreement(report, index.folder)
+            _files(report, index.folder, read_data)
+    return report
+
+
+@contextmanager
+def _looked_into(report: Report, index: Database) -> Iterator[Connection | None]:
+    """A transaction that keeps writers waiting; None if the index can't be read."""
+    try:
+        with faults(index.shown):
+            for what in index.faults():
+                report.add("damaged index", index.file, what)
+        engine = index.writing() if os.access(index.folder, os.W_OK) else index.reading()
+        with faults(index.shown):
+            connection = engine.connect()
+            connection.begin()
+    except IntegrityError as error:
+        report.add("damaged index", index.file, error.message)
+        yield None
+        return
+    with connection:
+        yield connection
+
+
+def _missing_index(report: Report, index: Database) -> None:
+    try:
+        layout.refuse_orphans(index.folder)
+    except IntegrityError as error:
+        report.add("missing index", index.file, error.message)
+        return
+    raise NotFoundError(f"no registry at {index.shown}", "run: paddlectl train BoxDoor")
+
+
+# The index
+
+
+def _index(report: Report, index: Database, connection: Connection) -> None:
+    try:
+        with faults(index.shown):
+            found = stamp(connection, index.file)
+            if found not in REVISIONS:
+                require_current(connection, index.file)
+            if found != REVISIONS[-1]:
+                report.add(
+                    "older schema", index.file, f"schema {found}: the next use upgrades it", fault=False
+                )
+                return
+            _tables(report, index, connection)
+            report.readable = True
+    except IntegrityError as error:
+        report.add("damaged index", index.file, error.message)
+
+
+def _tables(report: Report, index: Database, connection: Connection) -> None:
+    there = inspect(connection)
+    known = set(there.get_table_names())
+    for table in metadata.sorted_tables:
+        if table.name not in known:
+            raise IntegrityError(f"the table {table.name} is missing")
+        if lost := {c.name for c in table.columns} - {c["name"] for c in there.get_columns(table.name)}:
+            raise IntegrityError(f"the table {table.name} lacks the column {min(lost)}")
+        if {str(i.name) for i in table.indexes} - {str(i["name"]) for i in there.get_indexes(table.name)}:
+            report.add("missing database index", index.file, f"an index of {table.name} is missing")
+    for kind, table in layout.ROW_TABLES.items():
+        for row in connection.execute(select(table)):
+            values = dict(zip(table.columns.keys(), row, strict=True))
+            report.rows[f"{kind}-{values['id']}"] = values
+    for name in list(report.rows):
+        _row(report, name)
+
+
+def _row(report: Report, name: str) -> None:
+    """What can be wrong with one row by itself, and with what it refers to."""
+    row = report.rows[name]
+    try:
+        if name.startswith("run-"):
+            run = run_records([[*row.values(), None]])[0]
+            _run_row(report, name, row, run.sources)
+        else:
+            policy_record(list(row.values()))
+            _policy_row(report, name, row)
+    except IntegrityError as error:
+        report.add("damaged row", name, error.message)
+
+
+def _run_row(report: Report, name: str, row: dict[str, Any], sources: Iterable[str]) -> None:
+    if row["status"] not in RUN_STATES:
+        report.add("impossible row", name, f"a run is never {row['status']!r}")
+    if min(row["frames"], row["episodes"], row["seconds"], row["resumes"]) < 0:
+        report.add("impossible row", name, "a count below zero")
+    for source in sources:
+        if not str(source).startswith(ELSEWHERE) and source not in report.rows:
+            report.add("missing source", name, f"its source {source} isn't there")
+
+
+def _policy_row(report: Report, name: str, row: dict[str, Any]) -> None:
+    if f"run-{row['run']}" not in report.rows:
+        report.add("missing run", name, f"its run run-{row['run']} isn't there")
+    if not all(0.0 <= row[rate] <= 1.0 for rate in _RATES):
+        report.add("impossible row", name, "a rate outside [0, 1]")
+    if not _OBJECT.fullmatch(f"{row['checkpoint']}.safetensors"):
+        report.add("impossible row", name, "its checkpoint is no SHA-256")
+    try:
+        parse_program(row["program"])
+    except InvalidFileError as error:
+        report.add("damaged program", name, f"its program can't be read: {error.message}")
+
+
+# Manifests
+
+
+def _read_manifests(report: Report, folder: Path) -> None:
+    for path in _entries(folder / manifests.FOLDER):
+        if path.name.endswith(".part"):
+            report.add("leftover", _inside(folder, path), "a writer was stopped", fault=False)
+        elif path.suffix != ".json" or not is_id(path.stem):
+            report.add("stray file", _inside(folder, path), "nothing of the registry's is called so")
+        else:
+            _collect(report, folder, path.stem)
+
+
+def _collect(report: Report, folder: Path, name: str) -> None:
+    try:
+        with faults(str(folder)):
+            report.manifests[name] = manifests.read(folder, name)
+    except PaddlectlError as error:
+        report.add("damaged manifest", name, error.message)
+
+
+def _agreement(report: Report, folder: Path) -> None:
+    """Rows against manifests; nobody writes meanwhile."""
+    if not report.readable:
+        return
+    for name, row in report.rows.items():
+        manifest = report.manifests.get(name)
+        if manifest is None and not manifests.path_of(folder, name).exists():
+            report.add("missing manifest", name, "its manifest is missing")
+        elif manifest is not None and manifest.row != row and not _ended_amid(row, manifest, folder):
+            report.add("other row", name, "the index and the manifest don't say the same")
+        if row.get("status") == "running" and not layout.is_held(folder / "runs" / name):
+            what = f"no process goes on with it; run: paddlectl resume {name}"
+            report.add("stopped run", name, what, fault=False)
+    for name, manifest in report.manifests.items():
+        if name not in report.rows:
+            _lost_row(report, folder, name, manifest)
+
+
+def _ended_amid(row: dict[str, Any], manifest: Manifest, folder: Path) -> bool:
+    """Whether the process died between a run's manifest and its row: what neither can know differs."""
+    changing = {"status", "frames", "episodes", "seconds", "results", "finished", "resumes"}
+    told = manifest.row
+    fixed = {k: v for k, v in row.items() if k not in changing}
+    died = "running" in (row.get("status"), told.get("status"))
+    return died and fixed == {k: v for k, v in told.items() if k not in changing}
+
+
+def _lost_row(report: Report, folder: Path, name: str, manifest: Manifest) -> None:
+    """A manifest without a row: what was published is lost, or a process died before it had published."""
+    run = name if name.startswith("run-") else f"run-{manifest.row.get('run')}"
+    known = report.rows.get(run)
+    begun = layout.run_files(folder, run) or checkpoints.numbers(folder / "runs" / run)
+    unused = name == run and not begun and manifest.row.get("status") == "running"
+    if unused or (name != run and known is not None and known["status"] != "finished"):
+        report.add("leftover", name, "its process died before it was entered", fault=False)
+    else:
+        report.add("lost row", name, "it has a manifest, but isn't in the index")
+
+
+# Files
+
+
+def _files(report: Report, folder: Path, read_data: bool) -> None:
+    named = {path: seal for m in report.manifests.values() for path, seal in (m.files or {}).items()}
+    for file, seal in named.items():
+        _sealed_file(report, folder, file, seal, read_data)
+    for name, row in report.rows.items():
+        if name.startswith("policy-") and name not in report.manifests:
+            file = f"objects/{row['checkpoint']}.safetensors"
+            if file not in named and _OBJECT.fullmatch(file[8:]) and not (folder / file).is_file():
+                report.add("missing file", file, f"the checkpoint of {name} is missing")
+    _objects(report, folder, named)
+    for path in _entries(folder / "runs"):
+        _run_folder(report, folder, path, named, read_data)
+    for path in [*folder.glob("registry.db.new*"), *folder.glob("*.part")]:
+        report.add("leftover", path.name, "a process was stopped", fault=False)
+
+
+def _sealed_file(report: Report, folder: Path, name: str, seal: Seal, read_data: bool) -> None:
+    path = folder / name
+    if ".." in path.parts or Path(name).is_absolute():
+        report.add("damaged manifest", name, "a manifest names a file outside the registry")
+        return
+    try:
+        found = path.lstat()
+    except OSError:
+        report.add("missing file", name, "it is missing")
+        return
+    report.files += 1
+    if not stat.S_ISREG(found.st_mode):
+        report.add("strange file", name, "it is no file, but a link or folder")
+    elif found.st_size != seal.size:
+        report.add("changed size", name, f"it has {found.st_size:,} bytes, not {seal.size:,}")
+    elif read_data:
+        report.bytes += seal.size
+        _data(report, path, name, seal)
+
+
+def _data(report: Report, path: Path, name: str, seal: Seal) -> None:
+    if manifests.seal(path) != seal:
+        report.add("changed bytes", name, "it isn't what was stored (SHA-256 differs)")
+
+
+def _objects(report: Report, folder: Path, named: dict[str, Seal]) -> None:
+    owned = {
+        f"objects/{row['checkpoint']}.safetensors" for row in report.rows.values() if "checkpoint" in row
+    }
+    for path in _entries(folder / "objects"):
+        name = _inside(folder, path)
+        if path.name.endswith(".part"):
+            report.add("leftover", name, "a writer was stopped", fault=False)
+        elif not _OBJECT.fullmatch(path.name):
+            report.add("stray file", name, "nothing of the registry's is called so")
+        elif name not in named and name not in owned:
+            report.add("leftover", name, "no policy has it", fault=False)
+        elif name in named and f"{named[name].sha256}.safetensors" != path.name:
+            report.add("wrong name", name, "a manifest gives it another hash than its name")
+
+
+def _run_folder(report: Report, folder: Path, path: Path, named: dict[str, Seal], read_data: bool) -> None:
+    name = path.name
+    if number_of(name, "run") is None or not path.is_dir() or path.is_symlink():
+        report.add("stray file", _inside(folder, path), "it is no folder of a run")
+        return
+    if name not in report.rows and name not in report.manifests:
+        if any(path.iterdir()):
+            report.add("lost run", name, "its files are there, but neither row nor manifest")
+        else:
+            report.add("leftover", name, "its process died before it was entered", fault=False)
+    manifest = report.manifests.get(name)
+    for file in _entries(path):
+        if file.name.endswith(".part"):
+            report.add("leftover", _inside(folder, file), "a writer was stopped", fault=False)
+        elif file.name not in ("lock", "checkpoints"):
+            _run_file(report, folder, file, manifest, read_data)
+    _checkpoints(report, path, read_data)
+
+
+def _run_file(report: Report, folder: Path, path: Path, manifest: Manifest | None, read_data: bool) -> None:
+    name = _inside(folder, path)
+    if path.suffix not in (".json", ".jsonl") or not path.is_file():
+        report.add("stray file", name, "no run writes such a file")
+    elif manifest is not None and manifest.files is not None:
+        if name not in manifest.files:
+            report.add("unsealed file", name, "it wasn't there when the run ended")
+    elif read_data:
+        data = path.read_bytes()
+        report.bytes += len(data)
+        read: Callable[[bytes, Path], Any] = (
+            documents.rows_of if path.suffix == ".jsonl" else documents.document_of
+        )
+        try:
+            read(data, path)
+        except IntegrityError as error:
+            report.add("damaged table", name, error.message)
+
+
+def _checkpoints(report: Report, run: Path, read_data: bool) -> None:
+    arrays = {path.stem for path in (run / "checkpoints").glob("*.safetensors")}
+    for number in checkpoints.numbers(run):
+        where = f"{run.name}, checkpoint {number}"
+        if str(number) not in arrays:
+            report.add("damaged checkpoint", where, "its arrays are missing")
+        elif read_data:
+            try:
+                _, data, _ = checkpoints.read(run, number)
+                report.bytes += len(data)
+                safetensors.deserialize(data)  # type: ignore[no-untyped-call]
+            except (IntegrityError, safetensors.SafetensorError) as error:
+                report.add("damaged checkpoint", where, str(error).partition("\n")[0])
+
+
+def _entries(folder: Path) -> list[Path]:
+    return sorted(folder.iterdir()) if folder.is_dir() else []
+
+
+def _inside(folder: Path, path: Path) -> str:
+    return path.relative_to(folder).as_posix()

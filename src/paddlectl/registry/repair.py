@@ -1,0 +1,187 @@
+"""`registry repair`: makes the index again from manifests and objects. It tells all that it does.
+
+Nothing is thrown away: a damaged index stays beside the new one; what can't be used is moved into `aside/`.
+"""
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import delete, insert
+
+from paddlectl.errors import IntegrityError
+from paddlectl.registry import layout, manifests
+from paddlectl.registry.check import Finding, Report, check
+from paddlectl.registry.faults import faults
+from paddlectl.registry.names import number_of
+from paddlectl.registry.schema import policies, policy_record, run_records, runs
+from paddlectl.registry.store import Registry, database_of
+
+_MOVED = {"stray file", "strange file", "unsealed file", "damaged manifest", "lost run"}
+_REBUILT = {"damaged index", "missing index", "missing database index"}
+_LOST = {"missing file", "changed size", "changed bytes", "strange file", "wrong name"}
+
+
+@dataclass
+class Repaired:
+    """What was done, and what a check finds afterwards.
+
+    Attributes:
+        done: One line for each thing that was changed.
+        left: What couldn't be mended.
+    """
+
+    done: list[str] = field(default_factory=list)
+    left: list[Finding] = field(default_factory=list)
+
+
+def repair(location: str | Path) -> Repaired:
+    """Mends a registry as far as its manifests and objects allow.
+
+    Raises:
+        NotFoundError: If there is none.
+        SchemaVersionError: If a newer paddlectl wrote it.
+    """
+    index = database_of(location)
+    told = Repaired()
+    report = check(location, read_data=True)
+    kinds = {finding.kind for finding in report.findings}
+    if not report.faults and "stopped run" not in kinds:
+        return told
+    with faults(index.shown):
+        layout.make(index.folder)
+        rows = _desired(report, told)
+        if kinds & _REBUILT:
+            old = index.renew("damaged")
+            told.done.append(f"a new index was made; the old one is {old}" if old else "a new index was made")
+        elif rows != report.rows:
+            told.done.append(f"the index as it was is {index.copy('repaired')}")
+        _move_aside(report, rows, index.folder, told)
+        with Registry(location) as registry:
+            _enter(registry, rows, report, told)
+    told.left = check(location, read_data=True).faults
+    return told
+
+
+def _desired(report: Report, told: Repaired) -> dict[str, dict[str, Any]]:
+    """The rows that the index shall have, runs first."""
+    lost = {finding.where for finding in report.faults if finding.kind in _LOST}
+    leftover = {finding.where for finding in report.findings if finding.kind == "leftover"}
+    names = sorted(
+        {*report.rows, *report.manifests} - leftover, key=lambda name: (name[0] != "r", _number(name))
+    )
+    rows: dict[str, dict[str, Any]] = {}
+    for name in names:
+        row = _better(name, report.rows.get(name), report.manifests.get(name))
+        if row is None:
+            told.done.append(
+                f"{name}: neither its row nor its manifest can be read; it is gone from the index"
+            )
+        elif name.startswith("policy-") and f"objects/{row['checkpoint']}.safetensors" in lost:
+            told.done.append(f"{name}: its checkpoint is lost; it is gone from the index")
+        else:
+            if name not in report.rows:
+                told.done.append(f"{name}: entered again from its manifest")
+            elif row != report.rows[name]:
+                told.done.append(f"{name}: entered as its manifest says")
+            rows[name] = row
+    _known_by_their_policies(rows, told)
+    for finding in report.findings:
+        if finding.kind == "stopped run" and rows[finding.where]["status"] == "running":
+            rows[finding.where] |= {"status": "interrupted", "finished": _now()}
+            told.done.append(f"{finding.where}: no process goes on with it; it is interrupted")
+    return dict(sorted(rows.items(), key=lambda item: (item[0][0] != "r", _number(item[0]))))
+
+
+def _better(
+    name: str, row: dict[str, Any] | None, manifest: manifests.Manifest | None
+) -> dict[str, Any] | None:
+    """The manifest's, which is written first; the row, where that is damaged or older."""
+    told = None if manifest is None else {"resumes": 0} | manifest.row if name[0] == "r" else manifest.row
+    usable = [values for values in (told, row) if values is not None and _is_row(name, values)]
+    if len(usable) == 2 and usable[0].get("status") == "running" and usable[1].get("status") == "finished":
+        usable.reverse()
+    if not usable:
+        return None
+    table = layout.ROW_TABLES[name.partition("-")[0]]
+    return {column: usable[0][column] for column in table.columns.keys()}  # noqa: SIM118 - not a dict
+
+
+def _is_row(name: str, row: dict[str, Any]) -> bool:
+    kind, _, number = name.partition("-")
+    columns = layout.ROW_TABLES[kind].columns.keys()
+    if row.keys() != set(columns) or row["id"] != int(number):
+        return False
+    values = [row[column] for column in columns]
+    try:
+        run_records([[*values, None]]) if kind == "run" else policy_record(values)
+    except IntegrityError:
+        return False
+    return True
+
+
+def _known_by_their_policies(rows: dict[str, dict[str, Any]], told: Repaired) -> None:
+    """Enters a run of which only a policy is left, so that the policy can be used."""
+    for policy in [row for name, row in rows.items() if name.startswith("policy-")]:
+        name = f"run-{policy['run']}"
+        if name not in rows:
+            shared = {key: policy[key] for key in ("method", "task", "seed", "frames", "created")}
+            lost = {"scenario": None, "sources": "[]", "status": "failed", "settings": "{}", "versions": "{}"}
+            counts = {"episodes": 0, "seconds": 0.0, "results": "{}", "resumes": 0}
+            ends = {"id": policy["run"], "kind": "train", "finished": policy["created"]}
+            rows[name] = {column: (shared | lost | counts | ends)[column] for column in runs.columns.keys()}  # noqa: SIM118
+            told.done.append(f"{name}: only policy-{policy['id']} is left of it")
+
+
+def _move_aside(report: Report, rows: dict[str, Any], folder: Path, told: Repaired) -> None:
+    gone = {name for name in report.manifests if name not in rows}
+    leftover = {finding.where for finding in report.findings if finding.kind == "leftover"}
+    paths = [folder / f.where for f in report.faults if f.kind in _MOVED and f.kind != "damaged manifest"]
+    paths += [folder / "runs" / f.where for f in report.faults if f.kind == "lost run"]
+    paths += [folder / f.where for f in report.faults if f.kind in _LOST and f.where.startswith("objects/")]
+    paths += [manifests.path_of(folder, f.where) for f in report.faults if f.kind == "damaged manifest"]
+    paths += [manifests.path_of(folder, name) for name in gone - leftover]
+    paths += [_of_checkpoint(folder, f.where) for f in report.faults if f.kind == "damaged checkpoint"]
+    aside = folder / "aside" / datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
+    for path in dict.fromkeys(paths):
+        if path.exists() or path.is_symlink():
+            place = aside / path.relative_to(folder)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            path.rename(place)
+            told.done.append(f"{path.relative_to(folder)}: moved to {place.relative_to(folder)}")
+
+
+def _of_checkpoint(folder: Path, where: str) -> Path:
+    run, _, number = where.partition(", checkpoint ")
+    return folder / "runs" / run / "checkpoints" / f"{number}.json"
+
+
+def _enter(registry: Registry, rows: dict[str, dict[str, Any]], report: Report, told: Repaired) -> None:
+    """Replaces the rows in one transaction, and writes the manifests that are missing or say otherwise."""
+    with registry.mending() as connection:
+        connection.execute(delete(policies))
+        connection.execute(delete(runs))
+        for name, row in rows.items():
+            kind = name.partition("-")[0]
+            connection.execute(insert(layout.ROW_TABLES[kind]).values(row))
+            registry.count_from(connection, kind, row["id"])
+        for name, row in rows.items():
+            (registry.folder / "runs" / name).mkdir(exist_ok=True) if name.startswith("run-") else None
+            manifest = report.manifests.get(name)
+            if manifest is None:
+                manifests.write(registry.folder, layout.manifest_of(registry.folder, connection, name))
+                told.done.append(f"{name}: a new manifest, of its files as they are")
+            elif manifest.row != row:
+                files = manifest.files
+                if files is None and row.get("status") != "running":
+                    files = layout.manifest_of(registry.folder, connection, name).files
+                manifests.write(registry.folder, manifests.Manifest(name, row, files))
+
+
+def _number(name: str) -> int:
+    return number_of(name, name.partition("-")[0]) or 0
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

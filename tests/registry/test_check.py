@@ -1,0 +1,272 @@
+"""Planted faults: `check` finds each, and nothing in a sound registry; `repair` tells what it does."""
+
+import json
+import shutil
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from paddlectl.errors import IntegrityError, NotFoundError, SchemaVersionError
+from paddlectl.registry import manifests
+from paddlectl.registry.check import check
+from paddlectl.registry.garbage import collect
+from paddlectl.registry.repair import repair
+from paddlectl.registry.store import Registry
+
+ARRAYS = safetensors.numpy.save({"x": np.arange(1000.0)})
+END: dict[str, Any] = {"status": "finished", "frames": 10, "episodes": 2, "seconds": 1.5, "results": {}}
+
+
+def fill(registry: Registry, add: Any) -> None:
+    """Two finished runs with a policy each, one interrupted with two checkpoints."""
+    for number in (1, 2):
+        add.run()
+        name = f"run-{number}"
+        registry.append_rows(name, "episodes", [{"order": i} for i in range(50)])
+        registry.write_document(name, "mapping", {"target": "T"})
+        add.policy(name, checkpoint=ARRAYS[:-8] + bytes([number] * 8))
+        registry.finish_run(name, **END)
+    add.run(kind="transfer", sources=["policy-1"])
+    for frames in (1, 2):
+        registry.append_rows("run-3", "episodes", [{"order": frames}])
+        registry.save_checkpoint("run-3", {"frames": frames}, ARRAYS)
+    registry.finish_run("run-3", **END | {"status": "interrupted"})
+
+
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory: pytest.TempPathFactory, new: Path, filler: Any) -> Path:
+    location = tmp_path_factory.mktemp("filled") / "registry"
+    shutil.copytree(new, location)
+    registry = Registry.open(location)
+    fill(registry, filler(registry))
+    return location
+
+
+@pytest.fixture
+def location(filled: Path, tmp_path: Path) -> Path:
+    shutil.copytree(filled, tmp_path / "registry")
+    return tmp_path / "registry"
+
+
+def sql(*statements: str) -> Callable[[Path], None]:
+    def plant(location: Path) -> None:
+        connection = sqlite3.connect(location / "registry.db")
+        for statement in statements:
+            connection.execute(statement)
+        connection.commit()
+        connection.close()
+
+    return plant
+
+
+def an_object(location: Path) -> Path:
+    return sorted((location / "objects").iterdir())[0]
+
+
+def table(location: Path) -> Path:
+    return location / "runs/run-1/episodes.jsonl"
+
+
+def manifest(location: Path) -> Path:
+    return location / "manifests/run-1.json"
+
+
+def flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(bytes(data))
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-1])
+
+
+def link(path: Path) -> None:
+    path.rename(path.with_name("elsewhere"))
+    path.symlink_to(path.with_name("elsewhere"))
+    path.with_name("elsewhere").rename(path.parents[1] / "elsewhere")
+
+
+def swap(location: Path) -> None:
+    one, two = sorted((location / "objects").iterdir())
+    data = one.read_bytes()
+    one.write_bytes(two.read_bytes())
+    two.write_bytes(data)
+
+
+FAULTS: dict[str, tuple[str, Callable[[Path], Any]]] = {
+    "no index": ("missing index", lambda r: (r / "registry.db").unlink()),
+    "index of zeros": ("damaged index", lambda r: (r / "registry.db").write_bytes(bytes(9000))),
+    "index cut": ("damaged index", lambda r: cut(r / "registry.db")),
+    "a table less": ("damaged index", sql("DROP TABLE policies")),
+    "a column less": ("damaged index", sql("ALTER TABLE runs DROP COLUMN results")),
+    "no stamp": ("damaged index", sql("DELETE FROM alembic_version")),
+    "a database index less": ("missing database index", sql("DROP INDEX ix_policies_task")),
+    "a run's row gone": ("lost row", sql("DELETE FROM policies", "DELETE FROM runs WHERE id = 1")),
+    "a policy's row gone": ("lost row", sql("DELETE FROM policies WHERE id = 2")),
+    "a policy without its run": ("missing run", sql("DELETE FROM runs WHERE id = 2")),
+    "another figure": ("other row", sql("UPDATE policies SET mean_score = 0.99 WHERE id = 1")),
+    "another program": ("damaged program", sql("UPDATE policies SET program = 'gt_key(' WHERE id = 1")),
+    "a rate above one": ("impossible row", sql("UPDATE policies SET success_rate = 1.5 WHERE id = 1")),
+    "a count below zero": ("impossible row", sql("UPDATE runs SET frames = -1 WHERE id = 1")),
+    "an unknown status": ("impossible row", sql("UPDATE runs SET status = 'done' WHERE id = 1")),
+    "settings no JSON": ("damaged row", sql("UPDATE runs SET settings = '{' WHERE id = 1")),
+    "a blob": ("damaged row", sql("UPDATE runs SET task = x'00' WHERE id = 1")),
+    "a digest that is none": ("impossible row", sql("UPDATE policies SET checkpoint = '../x' WHERE id = 1")),
+    "a source gone": ("missing source", sql("UPDATE runs SET sources = '[\"policy-9\"]' WHERE id = 3")),
+    "an object gone": ("missing file", lambda r: an_object(r).unlink()),
+    "an object cut": ("changed size", lambda r: cut(an_object(r))),
+    "an object empty": ("changed size", lambda r: an_object(r).write_bytes(b"")),
+    "a bit of an object": ("changed bytes", lambda r: flip(an_object(r))),
+    "two objects swapped": ("changed bytes", swap),
+    "an object a link": ("strange file", lambda r: link(an_object(r))),
+    "a file among the objects": ("stray file", lambda r: (r / "objects/notes.txt").write_text("x")),
+    "a table gone": ("missing file", lambda r: table(r).unlink()),
+    "a table cut": ("changed size", lambda r: cut(table(r))),
+    "a bit of a table": ("changed bytes", lambda r: flip(table(r))),
+    "a row more": ("changed size", lambda r: table(r).open("a").write("{}\n")),
+    "a document more": ("unsealed file", lambda r: (r / "runs/run-1/trace.json").write_text("{}")),
+    "a file in a run": ("stray file", lambda r: (r / "runs/run-1/notes.txt").write_text("x")),
+    "a run's folder gone": ("missing file", lambda r: shutil.rmtree(r / "runs/run-1")),
+    "a folder among the runs": ("stray file", lambda r: (r / "runs/mine").mkdir()),
+    "a manifest gone": ("missing manifest", lambda r: manifest(r).unlink()),
+    "a bit of a manifest": ("damaged manifest", lambda r: flip(manifest(r))),
+    "a manifest cut": ("damaged manifest", lambda r: cut(manifest(r))),
+    "a manifest under another name": (
+        "damaged manifest",
+        lambda r: shutil.copy(manifest(r), r / "manifests/run-2.json"),
+    ),
+    "a checkpoint's arrays gone": (
+        "damaged checkpoint",
+        lambda r: (r / "runs/run-3/checkpoints/2.safetensors").unlink(),
+    ),
+    "a bit of a checkpoint": (
+        "damaged checkpoint",
+        lambda r: flip(r / "runs/run-3/checkpoints/2.safetensors"),
+    ),
+    "a run unknown": ("lost run", lambda r: shutil.copytree(r / "runs/run-1", r / "runs/run-77")),
+}  # fmt: skip
+ONLY_IN_THE_DATA = {"a bit of an object", "two objects swapped", "a bit of a table", "a bit of a checkpoint"}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_planted_fault_is_found_and_mended_as_far_as_it_can_be(location: Path, name: str) -> None:
+    kind, plant = FAULTS[name]
+    plant(location)
+    before = {path: path.read_bytes() for path in location.rglob("*") if path.is_file()}
+    quick = {finding.kind for finding in check(location).faults}
+    assert (kind in quick) == (name not in ONLY_IN_THE_DATA)
+    assert kind in {finding.kind for finding in check(location, read_data=True).faults}
+    assert {path: path.read_bytes() for path in location.rglob("*") if path.is_file()} == before
+    told = repair(location)
+    assert told.done or told.left
+    with Registry.open(location) as registry:
+        runs, policies = registry.runs(), registry.policies()
+        assert {run.id for run in runs} >= {"run-1", "run-2", "run-3"}
+        kept = {policy.id for policy in policies}
+        for policy in policies:
+            assert registry.read_checkpoint(policy)
+    objects_whole = "object" not in name
+    assert kept == {"policy-1", "policy-2"} or not objects_whole, told.done
+    assert [
+        finding for finding in told.left if "run-1/" not in finding.where and finding.kind != "missing source"
+    ] == []
+    if not told.left:
+        assert repair(location).done == []
+
+
+def test_a_sound_registry_has_no_fault_and_is_left_alone(location: Path) -> None:
+    before = {path: path.read_bytes() for path in location.rglob("*") if path.is_file()}
+    report = check(location, read_data=True)
+    assert (report.findings, report.readable, len(report.rows)) == ([], True, 5)
+    assert report.bytes > 2 * len(ARRAYS)
+    assert repair(location).done == []
+    assert collect(location, grace=0) == []
+    assert {path: path.read_bytes() for path in location.rglob("*") if path.is_file()} == before
+
+
+def test_there_are_twenty_kinds_and_more() -> None:
+    assert len({kind for kind, _ in FAULTS.values()}) >= 20
+
+
+def test_the_index_comes_back_from_manifests_alone(location: Path) -> None:
+    with Registry.open(location) as registry:
+        runs, policies = registry.runs(), registry.policies()
+    for damage in (b"", b"no database", None):
+        if damage is None:
+            (location / "registry.db").unlink()
+        else:
+            (location / "registry.db").write_bytes(damage)
+        assert repair(location).left == []
+        with Registry.open(location) as registry:
+            assert (registry.runs(), registry.policies()) == (runs, policies)
+
+
+def test_a_newer_registry_is_refused_and_not_touched(location: Path) -> None:
+    sql("UPDATE alembic_version SET version_num = '9999'")(location)
+    before = {path: path.read_bytes() for path in location.rglob("*") if path.is_file()}
+    for work in (check, repair, collect):
+        with pytest.raises(SchemaVersionError):
+            work(location)
+    assert {path: path.read_bytes() for path in location.rglob("*") if path.is_file()} == before
+
+
+def test_no_registry(tmp_path: Path) -> None:
+    for work in (check, repair, collect):
+        with pytest.raises(NotFoundError):
+            work(tmp_path / "none")
+
+
+def test_gc_frees_what_nobody_needs_once_it_is_old(location: Path) -> None:
+    left = ["objects/" + "0" * 64 + ".safetensors", "objects/.x.part", "runs/run-1/.episodes.part"]
+    for name in left:
+        (location / name).write_bytes(b"left")
+    assert collect(location) == []
+    assert sorted(name for name, _ in collect(location, grace=0, dry=True)) == sorted(left)
+    assert all((location / name).exists() for name in left)
+    assert sorted(name for name, _ in collect(location, grace=0)) == sorted(left)
+    assert check(location, read_data=True).findings == []
+
+
+def test_gc_does_nothing_where_there_is_a_fault(location: Path) -> None:
+    sql("DELETE FROM policies WHERE id = 2")(location)
+    with pytest.raises(IntegrityError, match="nothing was removed"):
+        collect(location, grace=0)
+
+
+def test_a_run_whose_process_died_is_told_and_marked(location: Path, filler: Any) -> None:
+    with Registry.open(location) as registry:
+        add = filler(registry)
+        assert add.run().id == "run-4"
+        with registry.hold("run-4"):
+            assert check(location).findings == []
+        (finding,) = check(location).findings
+        assert (finding.kind, finding.where, finding.fault) == ("stopped run", "run-4", False)
+        assert repair(location).done[-1] == "run-4: no process goes on with it; it is interrupted"
+        assert registry.run("run-4").status == "interrupted"
+        assert check(location, read_data=True).findings == []
+
+
+def test_ids_arent_given_twice_even_if_the_index_lost_some(location: Path, filler: Any) -> None:
+    sql("DELETE FROM policies", "DELETE FROM runs", "DELETE FROM sqlite_sequence")(location)
+    with Registry.open(location) as registry:
+        add = filler(registry)
+        assert add.run().id == "run-4"
+        assert add.policy("run-4").id == "policy-3"
+        told = repair(location)
+        assert told.left == []
+        assert {run.id for run in registry.runs()} == {f"run-{n}" for n in range(1, 5)}
+
+
+def test_a_manifest_says_which_of_its_bytes_were_changed(location: Path) -> None:
+    path = manifest(location)
+    data = json.loads(path.read_text())
+    data["content"]["row"]["seed"] = 7
+    path.write_text(json.dumps(data))
+    with pytest.raises(IntegrityError, match="SHA-256 differs"):
+        manifests.read(location, "run-1")
