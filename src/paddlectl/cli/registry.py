@@ -103,12 +103,12 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write a policy, or a run with its tables, as one file: a zipped model folder with its card."""
+    from paddlectl.registry import bundles
     from paddlectl.registry.store import Registry
-    from paddlectl.report.bundles import export_bundle
     from paddlectl.report.output import clean, print_json, print_text
 
     with Registry.open(registry, create=False) as opened:
-        told = export_bundle(opened, name, file)
+        told = bundles.export(opened, name, file)
     if as_json:
         print_json(told)
     else:
@@ -122,11 +122,11 @@ def import_(
     as_json: AsJson = False,
 ) -> None:
     """Take in what `export` wrote, wholly or not at all; anything else is refused with exit 5."""
+    from paddlectl.registry import bundles
     from paddlectl.registry.store import Registry
-    from paddlectl.report.bundles import import_bundle
     from paddlectl.report.output import clean, print_json, print_text
 
-    told = import_bundle(lambda: Registry.open(registry), file)
+    told = bundles.import_(lambda: Registry.open(registry), file)
     if as_json:
         print_json(told)
     else:

@@ -90,7 +90,7 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
     found = [registry.policy(name) for name in names] or _best_of_domain(registry, target)
     if not found:
         raise NotFoundError(
-            f"no policy of another {target.domain} task in {registry.location}",
+            f"no policy of another {target.domain} task in {registry.shown}",
             "run: paddlectl train BoxDoor",
         )
     for policy in found:

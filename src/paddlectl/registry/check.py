@@ -254,13 +254,20 @@ def _ended_amid(row: dict[str, Any], manifest: Manifest, folder: Path) -> bool:
 def _lost_row(report: Report, folder: Path, name: str, manifest: Manifest) -> None:
     """A manifest without a row: what was published is lost, or a process died before it had published."""
     run = name if name.startswith("run-") else f"run-{manifest.row.get('run')}"
-    known = report.rows.get(run)
-    begun = layout.run_files(folder, run) or checkpoints.numbers(folder / "runs" / run)
-    unused = name == run and not begun and manifest.row.get("status") == "running"
-    if unused or (name != run and known is not None and known["status"] != "finished"):
+    row, told = report.rows.get(run), report.manifests.get(run)
+    if row is not None:
+        died = row["status"] != "finished"
+    else:
+        died = told is not None and told.row.get("status") == "running" and not _began(folder / "runs" / run)
+    if died:
         report.add("leftover", name, "its process died before it was entered", fault=False)
     else:
         report.add("lost row", name, "it has a manifest, but isn't in the index")
+
+
+def _began(run: Path) -> bool:
+    """Whether a process has held the run: after it was entered, then."""
+    return (run / "lock").exists() or (run / "checkpoints").exists()
 
 
 # Files

@@ -60,6 +60,7 @@ def _of_leftover(folder: Path, where: str) -> Iterator[Path]:
     run = folder / "runs" / where
     if run.is_dir() and layout.is_held(run):
         return
-    for path in (manifests.path_of(folder, where), run / "lock", run, folder / where):
+    files = sorted(run.iterdir()) if run.is_dir() else []
+    for path in (manifests.path_of(folder, where), *files, run, folder / where):
         if path.exists():
             yield path

@@ -1,5 +1,8 @@
 """Single rows of the index, and what to say of one that isn't there."""
 
+from collections.abc import Iterator, Mapping
+from typing import Any
+
 from sqlalchemy import Connection, select
 
 from paddlectl.errors import NotFoundError
@@ -54,3 +57,18 @@ def _way_to_policy(connection: Connection, task: str) -> str:
     # A high bar: many tasks have names that are alike, and this one may only lack a policy.
     near = nearest(task, solved, 0.85)
     return f"{near}run: paddlectl policies" if near or is_id(task) else f"run: paddlectl train {shown(task)}"
+
+
+def same_runs(
+    connection: Connection, run: Mapping[str, Any], policy: Mapping[str, Any] | None
+) -> Iterator[dict[str, Any]]:
+    """`{run, policy}` of every run that is the same as this one, with its policy if that is the same too."""
+    same = [runs.c[name] == run[name] for name in ("created", "task", "method", "seed")]
+    for number in connection.scalars(select(runs.c.id).where(*same)).all():
+        if policy is None:
+            yield {"run": f"run-{number}", "policy": None}
+            continue
+        wanted = [policies.c[name] == policy[name] for name in ("checkpoint", "created", "program")]
+        found = connection.scalar(select(policies.c.id).where(policies.c.run == number, *wanted))
+        if found is not None:
+            yield {"run": f"run-{number}", "policy": f"policy-{found}"}

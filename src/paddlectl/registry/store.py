@@ -17,7 +17,7 @@ from paddlectl.registry.database import Database, require_current, stamp
 from paddlectl.registry.faults import faults
 from paddlectl.registry.names import number_of
 from paddlectl.registry.postgres import PostgresDatabase
-from paddlectl.registry.queries import best_policy, find_policy, find_run
+from paddlectl.registry.queries import best_policy, find_policy, find_run, same_runs
 from paddlectl.registry.records import RUN_STATES, PolicyRecord, RunRecord
 from paddlectl.registry.runfiles import RunFiles
 from paddlectl.registry.schema import REVISIONS, policies, policy_record, run_records, runs, select_runs
@@ -263,6 +263,46 @@ class Registry(RunFiles):
         with faults(self.shown):
             hint = f"train it again: paddlectl train {policy.task}"
             return objects.read(self.folder / "objects", policy.checkpoint, policy.id, hint)
+
+    def adopt(
+        self,
+        run: Mapping[str, Any],
+        tables: Mapping[str, bytes],
+        policy: Mapping[str, Any] | None,
+        checkpoint: bytes,
+    ) -> dict[str, Any]:
+        """Enters a run that ended elsewhere, with its tables and its policy: wholly, or not at all.
+
+        Returns:
+            `{run, policy, known}`: the ids, and whether they were here already.
+        """
+        row = {**run, "resumes": 0}
+        for name in ("sources", "settings", "versions", "results"):
+            row[name] = documents.to_json(row[name], name)
+        learned = None
+        with faults(self.shown):
+            if policy is not None:
+                digest = objects.publish(self.folder / "objects", checkpoint)
+                extra = documents.to_json(policy["metadata"], "metadata")
+                learned = {**policy, "metadata": extra, "checkpoint": digest}
+        with self._transaction(self._writing) as connection:
+            for known in same_runs(connection, row, learned):
+                folder = self.folder / "runs" / known["run"]
+                if all((folder / table).exists() for table in tables):
+                    return {**known, "known": True}
+            name = f"run-{self._insert(connection, 'run', {**row, 'status': 'running'})}"
+            self._publish(connection, name)  # as one that goes on, until all of it is there
+            self._make_run_folder(name)
+            number = number_of(name, "run")
+            for table, data in tables.items():
+                objects.write_atomically(self.folder / "runs" / name / table, data)
+            connection.execute(update(runs).where(runs.c.id == number).values(status=row["status"]))
+            adopted = {"run": name, "policy": None, "known": False}
+            if learned is not None:
+                adopted["policy"] = f"policy-{self._insert(connection, 'policy', {**learned, 'run': number})}"
+                self._publish(connection, str(adopted["policy"]))
+            self._publish(connection, name)
+            return adopted
 
     @contextmanager
     def alone(self) -> Iterator[frozenset[str]]:

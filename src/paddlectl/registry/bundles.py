@@ -1,0 +1,233 @@
+"""A policy or a run as one file, and back: a zipped model folder that holds all that the registry knows.
+
+Nothing in it depends on the registry that it came from, so it is the same byte for byte when it is exported
+again elsewhere. README.md and program.pl are for people and other programs; they are written, never read.
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import safetensors
+
+from paddlectl.errors import IntegrityError, InvalidFileError, PaddlectlError, UsageError
+from paddlectl.logic.prolog import format_prolog
+from paddlectl.logic.syntax import parse_program
+from paddlectl.registry import archive, documents, layout, manifests
+from paddlectl.registry.card import card
+from paddlectl.registry.check import ELSEWHERE
+from paddlectl.registry.names import is_id
+from paddlectl.registry.objects import write_atomically
+from paddlectl.registry.records import RUN_STATES, PolicyRecord, RunRecord
+from paddlectl.registry.store import Registry
+
+FORMAT = "paddlectl bundle 1"
+_LONGEST_DOCUMENT = 1 << 20
+_RUN = {
+    "kind": r"train|transfer",
+    "method": r"[a-z][a-z0-9_-]{0,31}",
+    "task": r"[A-Za-z][A-Za-z0-9_-]{0,63}",
+    "scenario": r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,63}",
+    "sources": [r"policy-[1-9][0-9]{0,17}"],
+    "seed": int,
+    "status": "|".join(RUN_STATES[1:]),
+    "settings": dict,
+    "versions": dict,
+    "frames": int,
+    "episodes": int,
+    "seconds": float,
+    "created": r"[0-9T:.+-]{19,32}",
+    "finished": r"[0-9T:.+-]{19,32}",
+}
+_POLICY = {name: _RUN[name] for name in ("task", "method", "seed", "frames", "created")} | {
+    "domain": _RUN["task"],
+    "metadata": dict,
+}
+_FIGURES = {"success_rate": float, "mean_score": float, "mean_length": float, "crispness": float}
+_OPTIONAL = {"scenario", "finished"}
+
+
+# Export
+
+
+def export(registry: Registry, name: str, path: Path) -> dict[str, Any]:
+    """Writes a run with its tables, or a policy with what it came from, to a new file.
+
+    Raises:
+        NotFoundError: If there is no such run or policy.
+        UsageError: If the file is there already, or the run goes on.
+        IntegrityError: If something of it isn't what was stored.
+    """
+    if path.exists():
+        raise UsageError(f"{path} is there already", "give a new file")
+    if is_id(name) and name.startswith("run-"):
+        run = registry.run(name)
+        policy, tables = registry.policy(run.policy) if run.policy else None, _tables(registry, run)
+    else:
+        policy, tables = registry.policy(name), {}
+        run = registry.run(policy.run)
+    if run.status == "running":
+        raise UsageError(f"{run.id} goes on", "export it when it has ended")
+    data = archive.pack(_members(run, policy, registry.read_checkpoint(policy) if policy else b"", tables))
+    if len(data) > archive.LARGEST:
+        raise PaddlectlError(f"{name} is too large for a bundle: {len(data):,} bytes")
+    write_atomically(path, data)
+    return {"exported": name, "file": str(path), "bytes": len(data)}
+
+
+def _tables(registry: Registry, run: RunRecord) -> dict[str, bytes]:
+    seals = manifests.read(registry.folder, run.id).files or {}
+    paths = layout.run_files(registry.folder, run.id)
+    found = {path.name: path.read_bytes() for path in paths}
+    for path in paths:
+        manifests.verify(registry.folder, path, found[path.name], seals)
+    return found
+
+
+def _members(
+    run: RunRecord, policy: PolicyRecord | None, checkpoint: bytes, tables: dict[str, bytes]
+) -> dict[str, bytes]:
+    told = {name: getattr(run, name) for name in _RUN}
+    told["sources"] = [source.removeprefix(ELSEWHERE) for source in run.sources]
+    config = {
+        "format": FORMAT,
+        "run": told,
+        "policy": policy and {name: getattr(policy, name) for name in _POLICY},
+    }
+    results = {
+        "run": run.results,
+        "policy": policy and {name: getattr(policy, name) for name in _FIGURES},
+    }
+    members = {"config.json": _json(config), "results.json": _json(results)}
+    if policy:
+        members["program.txt"] = policy.program.encode()
+        members["program.pl"] = format_prolog(_program(policy.program, policy.id)).encode()
+        members["model.safetensors"] = checkpoint
+    members |= {f"run/{name}": tables[name] for name in sorted(tables)}
+    readme = card(config, results, ["README.md", *members, "manifest.json"]).encode()
+    members = {"README.md": readme, **members}
+    return members | {"manifest.json": _json(_seals(members))}
+
+
+def _json(value: Any) -> bytes:
+    return documents.to_json(value, "the bundle").encode() + b"\n"
+
+
+def _seals(members: dict[str, bytes]) -> dict[str, Any]:
+    return {name: list(manifests.seal_of(data)) for name, data in members.items()}
+
+
+def _program(text: str, where: str) -> Any:
+    try:
+        return parse_program(text)
+    except InvalidFileError as error:
+        raise IntegrityError(f"the program of {where} is damaged: {error.message}") from error
+
+
+# Import
+
+
+def import_(opened: Callable[[], Registry], path: Path) -> dict[str, Any]:
+    """Takes in what `export` wrote: wholly, or not at all.
+
+    Args:
+        opened: Opens the registry, which isn't made for a file that is refused.
+        path: The file.
+
+    Returns:
+        `{run, policy, known}`: their ids here, and whether they were here already.
+
+    Raises:
+        NotFoundError: If there is no such file.
+        IntegrityError: If it is anything else than what `export` wrote.
+    """
+    where = str(path)
+    members = archive.unpack(archive.load(path), where)
+    try:
+        config, results, tables = _checked(members, where)
+    except (KeyError, TypeError, AttributeError, UnicodeDecodeError, PaddlectlError) as error:
+        what = error.message if isinstance(error, PaddlectlError) else f"{type(error).__name__} {error}"
+        raise IntegrityError(f"{where} is no sound bundle: {what[:200]}", "have it exported again") from None
+    run = config["run"]
+    run["sources"] = [f"{ELSEWHERE}{source}" for source in run["sources"]]
+    run["results"] = results["run"]
+    policy = config["policy"]
+    if policy is not None:
+        policy |= results["policy"] | {"program": members["program.txt"].decode()}
+    with opened() as registry:
+        return registry.adopt(run, tables, policy, members.get("model.safetensors", b""))
+
+
+def _checked(members: dict[str, bytes], where: str) -> tuple[Any, Any, dict[str, bytes]]:
+    """Config, results and tables of a bundle that is in order."""
+    seals = _document(members.pop("manifest.json"), "manifest.json")
+    if seals != _seals(members):
+        raise IntegrityError("a file isn't what its manifest says (SHA-256 differs)")
+    config = _document(members["config.json"], "config.json")
+    results = _document(members["results.json"], "results.json")
+    if config.keys() != {"format", "run", "policy"} or config["format"] != FORMAT:
+        raise IntegrityError(f"its format isn't {FORMAT!r}")
+    policy = config["policy"]
+    tables = {name[4:]: data for name, data in members.items() if name.startswith("run/")}
+    expected = ["README.md", "config.json", "results.json"]
+    expected += ["program.txt", "program.pl", "model.safetensors"] if policy is not None else []
+    if list(members) != expected + [f"run/{name}" for name in sorted(tables)]:
+        raise IntegrityError("it has other files than a bundle has")
+    _demand(config["run"], _RUN, "run")
+    _demand(results, {"run": dict, "policy": dict}, "results", optional={"policy"})
+    if policy is not None:
+        _demand(policy, _POLICY, "policy")
+        _demand(results["policy"], _FIGURES, "results")
+        if not all(0.0 <= results["policy"][rate] <= 1.0 for rate in ("success_rate", "crispness")):
+            raise IntegrityError("a rate lies in [0, 1]")
+        _program(members["program.txt"].decode(), "it")
+        _demand_tensors(members["model.safetensors"])
+    for name, data in tables.items():
+        _demand_table(name, data)
+    return config, results, tables
+
+
+def _document(data: bytes, name: str) -> Any:
+    if len(data) > _LONGEST_DOCUMENT:
+        raise IntegrityError(f"{name} is too long")
+    value = documents.document_of(data, Path(name))
+    if not isinstance(value, dict) or _json(value) != data:
+        raise IntegrityError(f"{name} isn't as export writes it")
+    return value
+
+
+def _demand(value: Any, fields: dict[str, Any], what: str, optional: set[str] = _OPTIONAL) -> None:
+    if not isinstance(value, dict) or value.keys() != fields.keys():
+        raise IntegrityError(f"{what} has other fields than it should")
+    for name, kind in fields.items():
+        if not (value[name] is None and name in optional) and not _is(kind, value[name]):
+            raise IntegrityError(f"{what}: {name} can't be {str(value[name])[:60]!r}")
+
+
+def _is(kind: Any, value: Any) -> bool:
+    """Whether a value is of a type, matches a pattern, or is a list of what matches it."""
+    if isinstance(kind, list):
+        return isinstance(value, list) and len(value) <= 1000 and all(_is(kind[0], item) for item in value)
+    if isinstance(kind, str):
+        return isinstance(value, str) and re.fullmatch(kind, value) is not None
+    if kind is int:
+        return type(value) is int and 0 <= value < 2**63
+    return type(value) is kind
+
+
+def _demand_tensors(data: bytes) -> None:
+    try:
+        safetensors.deserialize(data)  # type: ignore[no-untyped-call]
+    except safetensors.SafetensorError as error:
+        raise IntegrityError(f"model.safetensors is none: {str(error)[:100]!r}") from None
+
+
+def _demand_table(name: str, data: bytes) -> None:
+    path = Path(name)
+    if path.suffix == ".jsonl" and (not data or data.endswith(b"\n")):
+        documents.rows_of(data, path)
+    elif path.suffix == ".json":
+        documents.document_of(data, path)
+    else:
+        raise IntegrityError(f"{name[:80]!r} is no table")
