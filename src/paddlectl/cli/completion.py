@@ -44,6 +44,14 @@ def run_names(registry: str | None) -> list[tuple[str, str]]:
 
 
 @_quiet
+def stopped_names(registry: str | None) -> list[tuple[str, str]]:
+    from paddlectl.registry.store import Registry
+
+    runs = Registry.open(registry or "registry", create=False).runs()
+    return [(run.id, f"{run.method} on {run.task}") for run in runs if run.status != "finished"]
+
+
+@_quiet
 def scenario_files(incomplete: str) -> list[str]:
     folder = Path(incomplete).parent if not incomplete.endswith("/") else Path(incomplete)
     found = [path for path in folder.iterdir() if path.is_dir() or path.suffix in (".yaml", ".yml")]

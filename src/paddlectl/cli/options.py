@@ -32,6 +32,12 @@ def complete_held(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     return complete_policies(ctx, incomplete) + complete_runs(ctx, incomplete)
 
 
+def complete_stopped(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    from paddlectl.cli.completion import stopped_names
+
+    return [pair for pair in stopped_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+
+
 def complete_scenarios(incomplete: str) -> list[str]:
     from paddlectl.cli.completion import scenario_files
 
@@ -42,6 +48,16 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document an
 RegistryPlace = Annotated[
     str,
     typer.Option("--registry", envvar=REGISTRY, metavar="FOLDER", help="Where policies and runs are kept."),
+]
+CheckpointEvery = Annotated[
+    float | None,
+    typer.Option(
+        "--checkpoint-every",
+        min=0.0,
+        metavar="SECONDS",
+        help="What a killed run loses at most; 30 without.",
+        show_default=False,
+    ),
 ]
 PolicyName = Annotated[
     str,

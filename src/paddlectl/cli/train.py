@@ -6,6 +6,7 @@ import typer
 
 from paddlectl.cli.options import (
     AsJson,
+    CheckpointEvery,
     ManySeeds,
     OneSeed,
     RegistryPlace,
@@ -37,6 +38,7 @@ def train(
         int | None,
         typer.Option(min=1, metavar="N", help="At most so many environment steps.", show_default=False),
     ] = None,
+    checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
@@ -44,7 +46,7 @@ def train(
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRAINED, table
 
-    rows = run_training(train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames), registry)
+    rows = run_training(train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames), registry, checkpoint_every)
     if as_json:
         print_json({"runs": rows})
     else:
@@ -66,7 +68,9 @@ def train_jobs(tasks: "Sequence[str]", seeds: "Sequence[int]", frames: int | Non
     return [TrainJob(task=name, seed=seed, frames=frames) for seed in seeds for name in names]
 
 
-def run_training(jobs: "Sequence[TrainJob]", registry: str) -> list[dict[str, Any]]:
+def run_training(
+    jobs: "Sequence[TrainJob]", registry: str, checkpoint_every: float | None = None
+) -> list[dict[str, Any]]:
     """Runs the jobs with their progress on stderr and gives their rows."""
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.experiments.processes import run_jobs
@@ -76,4 +80,4 @@ def run_training(jobs: "Sequence[TrainJob]", registry: str) -> list[dict[str, An
     Registry.open(registry).close()  # a place that can't be used is told before anything is trained
 
     with stdout_kept(), progress([f"{job.task} seed {job.seed}" for job in jobs]) as report:
-        return run_jobs(jobs, registry, report)
+        return run_jobs(jobs, registry, report, every=checkpoint_every)

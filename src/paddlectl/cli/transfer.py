@@ -7,6 +7,7 @@ import typer
 
 from paddlectl.cli.options import (
     AsJson,
+    CheckpointEvery,
     ManySeeds,
     OneSeed,
     RegistryPlace,
@@ -50,6 +51,7 @@ def transfer(
     train_missing: Annotated[
         bool, typer.Option("--train-missing", help="Train the sources that the registry lacks.")
     ] = False,
+    checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
@@ -72,7 +74,7 @@ def transfer(
 
         jobs = transfer_jobs(scenario, sources, method, chosen, frames or scenario.frames)
         with progress([f"{scenario.name} {method} seed {job.seed}" for job in jobs]) as report:
-            rows = run_jobs(jobs, registry, report)
+            rows = run_jobs(jobs, registry, report, every=checkpoint_every)
     if as_json:
         print_json({"scenario": scenario.name, "target": scenario.target, "runs": rows})
     else:

@@ -49,4 +49,11 @@ class Progress:
     note: str
 
 
-Job = TrainJob | TransferJob
+@dataclass(frozen=True)
+class ResumeJob:
+    """Go on with a run that was stopped."""
+
+    run: str
+
+
+Job = TrainJob | TransferJob | ResumeJob

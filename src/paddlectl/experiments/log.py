@@ -26,14 +26,15 @@ class RunLog:
         frames: Environment steps.
         episodes: In the order in which they ended.
         results: Figures to close the run with.
+        run: Its id.
     """
 
     def __init__(self, registry: Registry, run: RunRecord) -> None:
+        self.run = run.id
         self.frames = 0
         self.episodes: list[Episode] = []
         self.results: dict[str, Any] = {}
         self._registry = registry
-        self._run = run
         self._began = time.monotonic()
 
     def add(self, round_: Round, **figures: float) -> None:
@@ -41,8 +42,13 @@ class RunLog:
         self.frames = round_.frames
         self.episodes += round_.episodes
         row = {**self.counts(), **self._rates(), **figures}
-        self._registry.append_rows(self._run.id, "episodes", map(_episode_row, round_.episodes))
-        self._registry.append_rows(self._run.id, "progress", [row])
+        self._registry.append_rows(self.run, "episodes", map(_episode_row, round_.episodes))
+        self._registry.append_rows(self.run, "progress", [row])
+
+    def go_on(self, frames: int, seconds: float) -> None:
+        """Counts on from what the run had done before it was stopped."""
+        self.frames = frames
+        self._began = time.monotonic() - seconds
 
     def counts(self) -> dict[str, Any]:
         """Frames, episodes and seconds since the start."""
@@ -51,7 +57,7 @@ class RunLog:
 
     def progress(self, total: int, note: str = "") -> Progress:
         """How far the run is, of `total` frames."""
-        return Progress(self._run.id, self.frames, total, len(self.episodes), **self._rates(), note=note)
+        return Progress(self.run, self.frames, total, len(self.episodes), **self._rates(), note=note)
 
     def _rates(self) -> dict[str, float]:
         scores = np.array([episode.score for episode in self.episodes[-WINDOW:]] or [0.0])
@@ -60,17 +66,19 @@ class RunLog:
 
 @contextmanager
 def recorded(registry: Registry, run: RunRecord) -> Iterator[RunLog]:
-    """Marks the run finished, interrupted or failed, whichever way the block is left."""
+    """Holds the run, and marks it finished, interrupted or failed, whichever way the block is left."""
     log = RunLog(registry, run)
     status = "failed"
-    try:
-        yield log
-        status = "finished"
-    except KeyboardInterrupt:
-        status = "interrupted"
-        raise
-    finally:
-        registry.finish_run(run.id, status=status, results=log.results, **log.counts())
+    with registry.hold(run.id):
+        try:
+            yield log
+            status = "finished"
+        except KeyboardInterrupt:
+            status = "interrupted"
+            raise
+        finally:
+            registry.finish_run(run.id, status=status, results=log.results, **log.counts())
+        registry.drop_checkpoints(run.id)
 
 
 def curve_figures(episodes: Sequence[Episode], frames: int) -> dict[str, float]:

@@ -8,11 +8,11 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
-from types import FrameType
-from typing import Any, NoReturn
+from typing import Any
 
 from paddlectl.errors import PaddlectlError
-from paddlectl.experiments.jobs import Job, Progress, TrainJob
+from paddlectl.experiments.jobs import Job, Progress, TrainJob, TransferJob
+from paddlectl.experiments.stop import Stop
 
 _POLL = 0.2  # seconds between two looks at a silent queue
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -24,6 +24,7 @@ def run_jobs(
     registry: str,
     report: Callable[[int, Progress], None],
     workers: int | None = None,
+    every: float | None = None,
 ) -> list[dict[str, Any]]:
     """Does all jobs, as many at a time as there are cores.
 
@@ -32,6 +33,7 @@ def run_jobs(
         registry: Its place; each process opens it for itself.
         report: Called with a job's number and its progress.
         workers: Most processes at a time.
+        every: Seconds between two checkpoints of a run; None for the usual.
 
     Returns:
         The jobs' rows, in the order of the jobs.
@@ -51,7 +53,7 @@ def run_jobs(
         while waiting or running:
             while waiting and len(running) < (workers or os.cpu_count() or 1):
                 index, job = waiting.pop()
-                process = context.Process(target=_work, args=(index, job, registry, events))
+                process = context.Process(target=_work, args=(index, job, registry, events, every))
                 with _held_back():
                     process.start()
                     running[index] = process
@@ -107,15 +109,11 @@ def _stop(processes: Iterable[BaseProcess]) -> None:
         process.kill()
 
 
-def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    raise KeyboardInterrupt
-
-
-def _work(index: int, job: Job, registry: str, events: Any) -> None:
-    signal.signal(signal.SIGTERM, _interrupt)
+def _work(index: int, job: Job, registry: str, events: Any, every: float | None) -> None:
+    stop = Stop()
+    signal.signal(signal.SIGTERM, stop)
     try:
-        events.put((index, _done(index, job, registry, events)))
+        events.put((index, _done(index, job, registry, events, stop, every)))
     except PaddlectlError as error:
         events.put((index, error))
     except KeyboardInterrupt:
@@ -128,9 +126,13 @@ def _work(index: int, job: Job, registry: str, events: Any) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
-def _done(index: int, job: Job, registry: str, events: Any) -> dict[str, Any]:
+def _done(
+    index: int, job: Job, registry: str, events: Any, stop: Stop, every: float | None
+) -> dict[str, Any]:
     import torch
 
+    from paddlectl.experiments.pace import EVERY, Pace
+    from paddlectl.experiments.resuming import resume
     from paddlectl.experiments.sources import train_source
     from paddlectl.experiments.transfers import run_transfer
     from paddlectl.registry.store import Registry
@@ -143,7 +145,11 @@ def _done(index: int, job: Job, registry: str, events: Any) -> dict[str, Any]:
     def report(progress: Progress) -> None:
         events.put((index, progress))
 
+    pace = Pace(EVERY if every is None else every, stop)
     with Registry.open(registry) as opened:
-        if isinstance(job, TrainJob):
-            return train_source(job, opened, report)
-        return run_transfer(job, opened, report)
+        match job:
+            case TrainJob():
+                return train_source(job, opened, report, pace)
+            case TransferJob():
+                return run_transfer(job, opened, report, pace)
+        return resume(job.run, opened, report, pace)

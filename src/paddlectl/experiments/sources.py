@@ -1,6 +1,7 @@
 """Learning a source, keeping a policy, reviving and evaluating it."""
 
 import dataclasses
+import hashlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ import safetensors.torch
 from paddlectl.errors import IntegrityError
 from paddlectl.experiments.jobs import Progress, TrainJob
 from paddlectl.experiments.log import RunLog, recorded, versions
+from paddlectl.experiments.pace import Pace
 from paddlectl.hybrid import training
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
 from paddlectl.hybrid.rollout import Episode
@@ -28,8 +30,16 @@ EVALUATION_EPISODES = 200
 EVALUATION_SEED = 12345
 
 
-def train_source(job: TrainJob, registry: Registry, report: Callable[[Progress], None]) -> dict[str, Any]:
+def train_source(
+    job: TrainJob, registry: Registry, report: Callable[[Progress], None], pace: Pace | None = None
+) -> dict[str, Any]:
     """Learns a source with the hybrid model.
+
+    Args:
+        job: What to learn.
+        registry: Where it is kept.
+        report: Told of each round.
+        pace: When checkpoints are kept, and the run to go on with, if any.
 
     Returns:
         A row of `train --json`.
@@ -37,22 +47,29 @@ def train_source(job: TrainJob, registry: Registry, report: Callable[[Progress],
     task = load(job.task)
     settings = HybridSettings()
     frames = job.frames or FRAMES
-    run = registry.add_run(
-        kind="train",
-        method="hdm",
-        task=task.name,
-        scenario=None,
-        sources=(),
-        seed=job.seed,
-        settings={"frames": frames, "hybrid": dataclasses.asdict(settings)},
-        versions=versions(),
+    pace = pace or Pace()
+    run = pace.begin(
+        registry,
+        lambda: registry.add_run(
+            kind="train",
+            method="hdm",
+            task=task.name,
+            scenario=None,
+            sources=(),
+            seed=job.seed,
+            settings={"frames": frames, "hybrid": dataclasses.asdict(settings)},
+            versions=versions(),
+        ),
     )
     with recorded(registry, run) as log:
         policy = HybridPolicy(task, job.seed, settings)
-        for round_ in training.train(policy, job.seed, frames):
-            crisp = crispness(policy, (log.episodes + round_.episodes)[-RECENT:])
-            log.add(round_, crispness=crisp)
-            report(log.progress(frames, f"crisp {crisp:.2f}"))
+        learning = training.train(policy, job.seed, frames)
+        with pace.rounds(registry, log, {"learning": learning}) as after_round:
+            for round_ in learning:
+                crisp = crispness(policy, (log.episodes + round_.episodes)[-RECENT:])
+                log.add(round_, crispness=crisp)
+                report(log.progress(frames, f"crisp {crisp:.2f}"))
+                after_round()
         kept = keep(registry, run, policy, log)
         log.results = _figures(kept)
     return {
@@ -107,8 +124,12 @@ def crispness(policy: HybridPolicy, recent: Sequence[Episode]) -> float:
 
 
 def keep(registry: Registry, run: RunRecord, policy: HybridPolicy, log: RunLog) -> PolicyRecord:
-    """Evaluates what was learned on unseen layouts and publishes it."""
+    """Evaluates what was learned on unseen layouts and publishes it, only once for a run that is resumed."""
     task = policy.task
+    data = checkpoint(policy)
+    known = registry.run(run.id).policy
+    if known and registry.policy(known).checkpoint == hashlib.sha256(data).hexdigest():
+        return registry.policy(known)
     result = training.evaluate(policy, task, EVALUATION_EPISODES, EVALUATION_SEED)
     return registry.add_policy(
         run=run.id,
@@ -118,7 +139,7 @@ def keep(registry: Registry, run: RunRecord, policy: HybridPolicy, log: RunLog) 
         seed=run.seed,
         frames=log.frames,
         program=format_program(result.program),
-        checkpoint=checkpoint(policy),
+        checkpoint=data,
         success_rate=result.success_rate,
         mean_score=result.mean_score,
         mean_length=result.mean_length,

@@ -1,7 +1,7 @@
 """Running a scenario: PADDLE from its sources, or the hybrid model from scratch."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,11 +9,12 @@ import numpy as np
 from paddlectl.errors import IntegrityError, InvalidFileError
 from paddlectl.experiments.jobs import Progress, TransferJob
 from paddlectl.experiments.log import WINDOW, curve_figures, recorded, versions
+from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.sources import keep, revive
 from paddlectl.hybrid import training
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
 from paddlectl.hybrid.rollout import Episode
-from paddlectl.hybrid.training import Round
+from paddlectl.hybrid.training import Learning, Round
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.registry.records import RunRecord
@@ -26,8 +27,16 @@ from paddlectl.transfer.documents import mapping_document
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
 
-def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progress], None]) -> dict[str, Any]:
+def run_transfer(
+    job: TransferJob, registry: Registry, report: Callable[[Progress], None], pace: Pace | None = None
+) -> dict[str, Any]:
     """Learns a scenario's target, by `paddle` from its sources or by `hdm` from scratch.
+
+    Args:
+        job: What to learn.
+        registry: Where it is kept.
+        report: Told of each round.
+        pace: When checkpoints are kept, and the run to go on with, if any.
 
     Returns:
         A row of `transfer --json`.
@@ -36,31 +45,41 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
     settings: HybridSettings = _changed(HybridSettings(), job.hybrid)
     if job.scenario.guidance.mode == "paper":
         settings = _changed(settings, {"decisions": {"patience": 1.0}})
-    run = registry.add_run(
-        kind="transfer",
-        method=job.method,
-        task=task.name,
-        scenario=job.scenario.name,
-        sources=() if job.method == "hdm" else job.sources,
-        seed=job.seed,
-        settings={
-            "frames": job.frames,
-            "scenario": job.scenario.model_dump(mode="json"),
-            "hybrid": dataclasses.asdict(settings),
-            "guidance": dataclasses.asdict(job.rules),
-        },
-        versions=versions(),
+    pace = pace or Pace()
+    run = pace.begin(
+        registry,
+        lambda: registry.add_run(
+            kind="transfer",
+            method=job.method,
+            task=task.name,
+            scenario=job.scenario.name,
+            sources=() if job.method == "hdm" else job.sources,
+            seed=job.seed,
+            settings={
+                "frames": job.frames,
+                "scenario": job.scenario.model_dump(mode="json"),
+                "hybrid": dataclasses.asdict(settings),
+                "guidance": dataclasses.asdict(job.rules),
+            },
+            versions=versions(),
+        ),
     )
     with recorded(registry, run) as log:
         target = HybridPolicy(task, job.seed, settings)
-        rounds = (
-            training.train(target, job.seed, job.frames)
-            if job.method == "hdm"
-            else _guided(job, registry, run, target)
-        )
-        for round_ in rounds:
-            log.add(round_)
-            report(log.progress(job.frames))
+        account: _RunAccount | None = None
+        if job.method == "hdm":
+            learning = training.train(target, job.seed, job.frames)
+        else:
+            learning, account = _guided(job, registry, run, target)
+        with pace.rounds(registry, log, {"learning": learning, "account": account}) as after_round:
+            for round_ in learning:
+                if account is not None:
+                    account.take(round_)
+                log.add(round_)
+                report(log.progress(job.frames))
+                after_round()
+        if account is not None:
+            account.close()
         kept = keep(registry, run, target, log)
         figures = curve_figures(log.episodes, job.frames)
         log.results = figures | {"mean_length": kept.mean_length, "crispness": kept.crispness}
@@ -83,7 +102,9 @@ def _changed(settings: Any, changes: Mapping[str, Any]) -> Any:
     return dataclasses.replace(settings, **values)
 
 
-def _guided(job: TransferJob, registry: Registry, run: RunRecord, target: HybridPolicy) -> Iterator[Round]:
+def _guided(
+    job: TransferJob, registry: Registry, run: RunRecord, target: HybridPolicy
+) -> "tuple[Learning, _RunAccount]":
     """Algorithm 2, leaving Ψ and its account in the run's folder."""
     sources = [_source(registry, policy) for policy in job.sources]
     mapping, document = _mapping(target, sources, job.scenario.similarity)
@@ -96,8 +117,8 @@ def _guided(job: TransferJob, registry: Registry, run: RunRecord, target: Hybrid
     else:
         chooser = guides.PlannedGuides(target, candidates, lanes, rng, job.rules)
         _inherit(target, guides.most_similar(sources, mapping), job.rules.inheritance)
-    rounds = paddle.learn(target, sources, chooser, job.seed, job.frames)
-    yield from _accounted(rounds, registry, run, chooser, Account(chooser, sources), job.frames)
+    learning = paddle.learn(target, sources, chooser, job.seed, job.frames)
+    return learning, _RunAccount(registry, run.id, chooser, Account(chooser, sources), job.frames)
 
 
 def _inherit(target: HybridPolicy, source: guides.Source, share: float) -> None:
@@ -129,34 +150,47 @@ def _mapping(
     return mapping, mapping_document(name, scenes, mapping, tasks, weights.body_weight, weights.head_weight)
 
 
-def _accounted(
-    rounds: Iterator[Round],
-    registry: Registry,
-    run: RunRecord,
-    chooser: guides.GuideChooser,
-    account: Account,
-    frames: int,
-) -> Iterator[Round]:
+class _RunAccount:
     """Keeps the weights and an episode of the first hundred, and of the last tenth of the run."""
-    trace: dict[str, Any] = {}
-    phase, episodes, since = "early", 0, 0
-    rows: list[dict[str, Any]] = []
-    for round_ in rounds:
-        episodes += len(round_.episodes)
-        _trace(trace, phase, round_.episodes, chooser.traces, account)
-        chooser.traces.clear()
-        rows = list(account.weights(phase, round_.frames))
-        last_tenth = frames - round_.frames < frames // 10
-        if phase == "early" and episodes >= WINDOW:
-            registry.append_rows(run.id, "weights", rows)
-            phase, since, rows = "late", round_.frames, []
-            chooser.clear()
-        elif phase == "late" and not last_tenth and round_.frames - since >= frames // 10:
-            since = round_.frames
-            chooser.clear()
-        yield round_
-    registry.append_rows(run.id, "weights", rows)
-    registry.write_document(run.id, "trace", trace)
+
+    def __init__(
+        self, registry: Registry, run: str, chooser: guides.GuideChooser, account: Account, frames: int
+    ) -> None:
+        self._registry = registry
+        self._run = run
+        self._chooser = chooser
+        self._account = account
+        self._frames = frames
+        self._phase, self._episodes, self._since = "early", 0, 0
+        self._trace: dict[str, Any] = {}
+        self._rows: list[dict[str, Any]] = []
+
+    def take(self, round_: Round) -> None:
+        """Takes in what happened in a round."""
+        self._episodes += len(round_.episodes)
+        _trace(self._trace, self._phase, round_.episodes, self._chooser.traces, self._account)
+        self._chooser.traces.clear()
+        self._rows = list(self._account.weights(self._phase, round_.frames))
+        tenth = self._frames // 10
+        if self._phase == "early" and self._episodes >= WINDOW:
+            self._append()
+            self._phase, self._since, self._rows = "late", round_.frames, []
+            self._chooser.clear()
+        elif (
+            self._phase == "late"
+            and self._frames - round_.frames >= tenth
+            and round_.frames - self._since >= tenth
+        ):
+            self._since = round_.frames
+            self._chooser.clear()
+
+    def close(self) -> None:
+        """Leaves the rest in the run's folder."""
+        self._append()
+        self._registry.write_document(self._run, "trace", self._trace)
+
+    def _append(self) -> None:
+        self._registry.append_rows(self._run, "weights", self._rows)
 
 
 def _trace(

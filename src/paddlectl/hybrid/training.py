@@ -1,11 +1,12 @@
-"""Collect, update, stop: the hybrid model's training as a generator, and its evaluation."""
+"""Collect, update, stop: the hybrid model's training, a round at a time, and its evaluation."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from paddlectl.hybrid.credit import Credit
 from paddlectl.hybrid.policy import HybridPolicy, OwnProgram
 from paddlectl.hybrid.rollout import Chooser, Episode, Rollout, Witness
 from paddlectl.learners.base import Actor
@@ -48,7 +49,53 @@ class Evaluation:
     crispness: float
 
 
-def train(policy: HybridPolicy, seed: int, frames: int) -> Iterator[Round]:
+class Learning:
+    """Collect, update both levels, again. All that it needs to go on is in its attributes between two rounds.
+
+    Attributes:
+        policy: Who learns.
+        chooser: Who decides.
+        rollout: The lanes.
+        credit: What the clause weights learn from.
+        buffer: The latest block.
+        frames: The budget.
+        left: Rounds to come.
+    """
+
+    def __init__(
+        self,
+        policy: HybridPolicy,
+        chooser: Chooser,
+        rollout: Rollout,
+        credit: Credit,
+        buffer: RolloutBuffer,
+        frames: int,
+        rounds: int,
+    ) -> None:
+        self.policy = policy
+        self.chooser = chooser
+        self.rollout = rollout
+        self.credit = credit
+        self.buffer = buffer
+        self.frames = frames
+        self.left = rounds
+
+    def __iter__(self) -> "Learning":
+        return self
+
+    def __next__(self) -> Round:
+        if not self.left:
+            raise StopIteration
+        self.chooser.refresh()
+        episodes = self.rollout.collect(self.buffer)
+        self.policy.low_level.anneal(self.rollout.frames / self.frames)
+        self.policy.low_level.update(self.buffer)
+        self.credit.update(episodes)
+        self.left -= 1
+        return Round(self.rollout.frames, episodes)
+
+
+def train(policy: HybridPolicy, seed: int, frames: int) -> Learning:
     """Learns from scratch within `frames`; the consumer may leave off earlier."""
     layouts, choices = np.random.SeedSequence(seed).spawn(2)
     chooser = OwnProgram(policy, np.random.default_rng(choices))
@@ -62,7 +109,7 @@ def learn(
     layouts: np.random.SeedSequence,
     frames: int,
     witnesses: Sequence[Witness] = (),
-) -> Iterator[Round]:
+) -> Learning:
     """Collect, update both levels, again: whoever it is that decides and acts, `policy` learns from it.
 
     Args:
@@ -86,13 +133,8 @@ def learn(
         [*witnesses, credit],
     )
     buffer = RolloutBuffer.empty(settings.block, settings.lanes, environment.observation_size)
-    for _ in range(max(1, frames // (settings.block * settings.lanes))):
-        chooser.refresh()
-        episodes = rollout.collect(buffer)
-        policy.low_level.anneal(rollout.frames / frames)
-        policy.low_level.update(buffer)
-        credit.update(episodes)
-        yield Round(rollout.frames, episodes)
+    rounds = max(1, frames // (settings.block * settings.lanes))
+    return Learning(policy, chooser, rollout, credit, buffer, frames, rounds)
 
 
 def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Evaluation:

@@ -151,3 +151,11 @@ FINDINGS = (
     Column("where", "where"),
     Column("what", "what"),
 )
+RESUMED = (
+    Column("run", "run", label),
+    Column("policy", "policy", label),
+    Column("seed", "seed", count),
+    Column("frames", "frames", count),
+    Column("seconds", "seconds", tenths),
+    Column("success", "success_rate", percent),
+)

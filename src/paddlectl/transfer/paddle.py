@@ -1,18 +1,18 @@
 """PADDLE (Algorithm 2): the guides collect, the target learns."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from paddlectl.hybrid import training
 from paddlectl.hybrid.policy import HybridPolicy
-from paddlectl.hybrid.training import Round
+from paddlectl.hybrid.training import Learning
 from paddlectl.transfer.guides import GuideChooser, Source
 
 
 def learn(
     target: HybridPolicy, sources: Sequence[Source], chooser: GuideChooser, seed: int, frames: int
-) -> Iterator[Round]:
+) -> Learning:
     """Algorithm 2 over lanes, within `frames`.
 
     At each decision the scene is looked up in Ψ and the candidate of largest Λ leads (lines 5-14,

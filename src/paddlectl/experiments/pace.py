@@ -1,0 +1,117 @@
+"""When a run keeps a checkpoint, when it stops, and how it goes on."""
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from paddlectl.errors import UsageError
+from paddlectl.experiments import snapshot
+from paddlectl.experiments.log import RunLog
+from paddlectl.experiments.stop import Stop
+from paddlectl.registry.records import RunRecord
+from paddlectl.registry.store import Registry
+
+EVERY = 30.0
+"""Seconds between two checkpoints: what a killed run loses at most, and a round."""
+
+SHARE = 0.05
+"""Of a run's time that its checkpoints may take, at most; large ones are kept more seldom then."""
+
+
+class Pace:
+    """Keeps the checkpoints of one run.
+
+    Args:
+        every: Seconds between two checkpoints; 0 for one after each round.
+        stop: Asked whether to end.
+        resumed: The run to go on with; None for a new one.
+        tell: Told of checkpoints that had to be left out.
+    """
+
+    def __init__(
+        self,
+        every: float = EVERY,
+        stop: Stop | None = None,
+        resumed: str | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.every = every
+        self.stop = stop or Stop()
+        self.resumed = resumed
+        self.tell = tell
+
+    def begin(self, registry: Registry, new: Callable[[], RunRecord]) -> RunRecord:
+        """The run that goes on, or a new one.
+
+        Raises:
+            UsageError: If that one is finished, or came from elsewhere.
+            RegistryBusyError: If it goes on in another process.
+        """
+        if self.resumed is None:
+            return new()
+        with registry.hold(self.resumed):
+            return registry.resume_run(self.resumed)
+
+    @contextmanager
+    def rounds(self, registry: Registry, log: RunLog, roots: dict[str, Any]) -> Iterator[Callable[[], None]]:
+        """Within it the run goes on, from its last checkpoint if it is resumed.
+
+        Args:
+            registry: Where the checkpoints are kept.
+            log: The run's.
+            roots: All that changes while it goes on.
+
+        Returns:
+            To be called after each round.
+
+        Raises:
+            IntegrityError: If the run has checkpoints, but none that can be used.
+        """
+        kept = {**roots, "episodes": log.episodes}
+        if self.resumed is not None:
+            self._rewind(registry, log, kept)
+        due = time.monotonic() + self.every
+
+        def after_round() -> None:
+            nonlocal due
+            stopping = self.stop.asked
+            if not stopping and time.monotonic() < due:
+                return
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            began = time.monotonic()
+            tree, arrays = snapshot.capture(kept)
+            registry.save_checkpoint(log.run, {"state": tree, **log.counts()}, arrays)
+            took = time.monotonic() - began
+            due = time.monotonic() + max(self.every, took / SHARE if self.every else 0.0)
+            if stopping:
+                raise KeyboardInterrupt
+
+        self.stop.between_rounds = True
+        try:
+            yield after_round
+        finally:
+            self.stop.between_rounds = False
+            signal.setitimer(signal.ITIMER_REAL, 0)
+
+    def _rewind(self, registry: Registry, log: RunLog, kept: dict[str, Any]) -> None:
+        found = registry.rewind(log.run)
+        if found is None:
+            return
+        for damaged in found.skipped:
+            self.tell(f"an earlier checkpoint is used, since {damaged}")
+        snapshot.restore(kept, found.document["state"], found.arrays)
+        log.go_on(found.document["frames"], found.document["seconds"])
+
+
+def require_resumable(run: RunRecord) -> None:
+    """Refuses a run that can't go on here.
+
+    Raises:
+        UsageError: If it is finished, came from elsewhere, or learned nothing.
+    """
+    if run.status == "finished":
+        raise UsageError(f"{run.id} is finished", f"run: paddlectl explain {run.id}")
+    if run.method == "random" or any(source.startswith("elsewhere:") for source in run.sources):
+        raise UsageError(f"{run.id} can't go on here", "start it anew")

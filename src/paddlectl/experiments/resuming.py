@@ -1,0 +1,62 @@
+"""Going on with a run that was stopped, from what the registry says of it."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from paddlectl.errors import IntegrityError
+from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
+from paddlectl.experiments.pace import Pace, require_resumable
+from paddlectl.experiments.sources import train_source
+from paddlectl.experiments.transfers import run_transfer
+from paddlectl.registry.records import RunRecord
+from paddlectl.registry.store import Registry
+from paddlectl.scenario import Scenario
+from paddlectl.transfer.guidance import GuidanceSettings
+
+
+def resume(run: str, registry: Registry, report: Callable[[Progress], None], pace: Pace) -> dict[str, Any]:
+    """Goes on where the run's last checkpoint was; it ends as if it had never been stopped.
+
+    Returns:
+        A row of `train --json` or of `transfer --json`.
+
+    Raises:
+        NotFoundError: If there is no such run.
+        UsageError: If it can't go on.
+        RegistryBusyError: If it goes on in another process.
+        IntegrityError: If none of its checkpoints is whole, or none fits this version.
+    """
+    record = registry.run(run)
+    require_resumable(record)
+    pace.resumed = record.id
+    job = job_of(record)
+    if isinstance(job, TrainJob):
+        return train_source(job, registry, report, pace)
+    return run_transfer(job, registry, report, pace)
+
+
+def job_of(run: RunRecord) -> TrainJob | TransferJob:
+    """The job that a run was begun with.
+
+    Raises:
+        IntegrityError: If this version can't read its settings.
+    """
+    told = run.settings
+    try:
+        if run.kind == "train":
+            return TrainJob(run.task, run.seed, told["frames"])
+        return TransferJob(
+            scenario=Scenario.model_validate_json(json.dumps(told["scenario"])),
+            sources=run.sources,
+            method=run.method,
+            seed=run.seed,
+            frames=told["frames"],
+            rules=GuidanceSettings(**told["guidance"]),
+            hybrid=told["hybrid"],
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise IntegrityError(
+            f"the settings of {run.id} aren't what this version writes: {str(error)[:100]}",
+            "go on with the version of paddlectl that the run began with",
+        ) from error

@@ -1,0 +1,73 @@
+"""Small runs of every kind, and all that each leaves behind."""
+
+import dataclasses
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+from unittest import mock
+
+from paddlectl.experiments import sources, transfers
+from paddlectl.experiments.jobs import TrainJob
+from paddlectl.experiments.pace import Pace
+from paddlectl.experiments.sources import random_source, train_source
+from paddlectl.hybrid.policy import HybridSettings
+from paddlectl.learners.ppo import PPOSettings
+from paddlectl.registry.store import Registry
+from small_transfer import CHANGES, job
+
+KINDS = ("train", "paddle default", "paddle paper", "hdm")
+FRAMES, ROUNDS = 3072, 12
+TIME = {"seconds", "created", "finished", "resumes"}
+
+
+def quiet(_: Any) -> None:
+    pass
+
+
+@contextmanager
+def small() -> Iterator[None]:
+    """Eight lanes and one epoch, so that a round takes a tenth of a second."""
+    few = partial(HybridSettings, lanes=8, low_level=PPOSettings(epochs=1))
+    with mock.patch.object(sources, "HybridSettings", few):
+        patches = [mock.patch.object(module, name, value) for module, name, value in CHANGES]
+        for patch in patches:
+            patch.start()
+        try:
+            yield
+        finally:
+            for patch in patches:
+                patch.stop()
+
+
+def add_sources(registry: Registry) -> None:
+    """policy-1 and policy-2, untrained: what they teach doesn't matter here."""
+    for task in ("BlockedDoor", "GapBall"):
+        random_source(task, 0, registry)
+
+
+def begin(kind: str, registry: Registry, pace: Pace) -> dict[str, Any]:
+    if kind == "train":
+        return train_source(TrainJob("GapBall", 0, FRAMES), registry, quiet, pace)
+    method, _, mode = kind.partition(" ")
+    policies = ("policy-1", "policy-2")
+    return transfers.run_transfer(
+        job(policies, mode or "default", method, frames=FRAMES), registry, quiet, pace
+    )
+
+
+def ended(registry: Registry, run: str) -> dict[str, Any]:
+    """All that a run leaves, but for the time it took and its own ids."""
+    record = registry.run(run)
+    policy = dataclasses.asdict(registry.policy(str(record.policy)))
+    told = dataclasses.asdict(record)
+    files = {}
+    for path in sorted((registry.folder / "runs" / run).glob("*.json*")):
+        rows = [json.loads(line) for line in path.read_text().splitlines()]
+        files[path.name] = [{k: v for k, v in row.items() if k not in TIME} for row in rows]
+    return {
+        "run": {k: v for k, v in told.items() if k not in TIME | {"id", "policy"}},
+        "files": files,
+        "policy": {k: policy[k] for k in policy.keys() - TIME - {"id", "run"}},
+    }
