@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from paddlectl.errors import IntegrityError, RegistryBusyError, UsageError
+from paddlectl.errors import IntegrityError, NotFoundError, RegistryBusyError, UsageError
 from paddlectl.experiments import sources
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.pace import Pace
@@ -20,8 +20,6 @@ from paddlectl.learners import ppo
 from paddlectl.registry.check import check
 from paddlectl.registry.store import Registry
 from trials.runs import FRAMES, KINDS, ROUNDS, add_sources, begin, ended, quiet, small
-
-pytestmark = pytest.mark.xdist_group("resume")  # they share a few runs
 
 
 class StopAfter(Stop):
@@ -49,11 +47,22 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield location
 
 
+class Unbroken:
+    """What each kind of run leaves that is never stopped; run once each."""
+
+    def __init__(self, registry: Registry) -> None:
+        self._registry = registry
+        self._known: dict[str, dict[str, Any]] = {}
+
+    def __getitem__(self, kind: str) -> dict[str, Any]:
+        if kind not in self._known:
+            self._known[kind] = ended(self._registry, begin(kind, self._registry, Pace())["run"])
+        return self._known[kind]
+
+
 @pytest.fixture(scope="module")
-def unbroken(place: Path) -> dict[str, dict[str, Any]]:
-    registry = Registry.open(place)
-    runs = {kind: begin(kind, registry, Pace())["run"] for kind in KINDS}
-    return {kind: ended(registry, run) for kind, run in runs.items()}
+def unbroken(place: Path) -> Unbroken:
+    return Unbroken(Registry.open(place))
 
 
 STOPS = [*((kind, 5) for kind in KINDS), ("paddle default", 1), ("paddle default", 11)]
@@ -61,7 +70,7 @@ STOPS = [*((kind, 5) for kind in KINDS), ("paddle default", 1), ("paddle default
 
 @pytest.mark.parametrize(("kind", "rounds"), STOPS)
 def test_stopped_every_few_rounds_it_ends_the_same(
-    place: Path, unbroken: Any, kind: str, rounds: int
+    place: Path, unbroken: Unbroken, kind: str, rounds: int
 ) -> None:
     registry = Registry.open(place)
     stops = 0
@@ -86,7 +95,7 @@ def stopped(registry: Registry, rounds: int = 3) -> str:
     return registry.runs()[0].id
 
 
-def test_what_was_written_after_the_last_checkpoint_is_cut_off(place: Path, unbroken: Any) -> None:
+def test_what_was_written_after_the_last_checkpoint_is_cut_off(place: Path, unbroken: Unbroken) -> None:
     registry = Registry.open(place)
     run = stopped(registry)
     folder = place / "runs" / run
@@ -98,7 +107,7 @@ def test_what_was_written_after_the_last_checkpoint_is_cut_off(place: Path, unbr
     assert ended(registry, run) == unbroken["train"]
 
 
-def test_a_damaged_checkpoint_is_left_out_and_told(place: Path, unbroken: Any) -> None:
+def test_a_damaged_checkpoint_is_left_out_and_told(place: Path, unbroken: Unbroken) -> None:
     registry = Registry.open(place)
     run = stopped(registry)
     newest = max(
@@ -123,7 +132,7 @@ def test_no_whole_checkpoint(place: Path) -> None:
     assert caught.value.exit_code == 5
 
 
-def test_a_run_without_a_checkpoint_starts_again(place: Path, unbroken: Any) -> None:
+def test_a_run_without_a_checkpoint_starts_again(place: Path, unbroken: Unbroken) -> None:
     registry = Registry.open(place)
     run = stopped(registry)
     shutil.rmtree(place / "runs" / run / "checkpoints")
@@ -147,15 +156,16 @@ def test_a_run_goes_on_in_one_process_only(place: Path) -> None:
     assert registry.run(run).status == "interrupted"
 
 
-def test_a_finished_run_isnt_resumed(place: Path, unbroken: Any) -> None:
+def test_what_isnt_resumed(place: Path) -> None:
     registry = Registry.open(place)
-    finished = next(run.id for run in registry.runs() if run.status == "finished")
-    with pytest.raises(UsageError, match="is finished"):
-        resume(finished, registry, quiet, Pace())
+    with pytest.raises(UsageError, match="run-1 is finished"):
+        resume("run-1", registry, quiet, Pace())
+    with pytest.raises(NotFoundError):
+        resume("run-99", registry, quiet, Pace())
 
 
 def test_a_run_that_died_after_its_policy_was_kept_gets_no_second_one(
-    place: Path, unbroken: Any, monkeypatch: pytest.MonkeyPatch
+    place: Path, unbroken: Unbroken, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     registry = Registry.open(place)
 

@@ -1,0 +1,17 @@
+"""Registries as released versions left them: `registry/released/<schema>`, with the database as SQL."""
+
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+RELEASED = Path(__file__).parent / "registry" / "released"
+SCHEMAS = sorted(path.name for path in RELEASED.iterdir())
+
+
+def rebuilt(schema: str, location: Path) -> Path:
+    """Makes a registry of that schema as its version left it."""
+    shutil.copytree(RELEASED / schema, location, ignore=shutil.ignore_patterns(".keep", "*.sql"))
+    with closing(sqlite3.connect(location / "registry.db")) as connection:
+        connection.executescript((RELEASED / schema / "registry.sql").read_text())
+    return location

@@ -1,0 +1,98 @@
+"""The long tier of the reliability tests: `make soak`. Its counts go to benchmarks/soak.json.
+
+python soak.py                       everything, at the counts of the long tier
+python soak.py NAME COUNT [SEED]     one trial; its counts as JSON on stdout, exit 1 if it fails
+"""
+
+import json
+import os
+import platform
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+TESTS = Path(__file__).parent
+sys.path[:0] = [str(TESTS), str(TESTS.parent / "src")]
+RESULTS = TESTS.parent / "benchmarks" / "soak.json"
+FIRST_SCHEMA = TESTS / "registry" / "released" / "0001"
+
+Trial = Callable[[int, int, Path], dict[str, Any]]
+
+
+def _killed_runs(count: int, seed: int, folder: Path) -> dict[str, Any]:
+    import torch
+
+    from trials.killed_runs import killed_runs
+
+    torch.set_num_threads(1)
+    return killed_runs(count, seed, folder / "registry")
+
+
+def _stopped_runs(count: int, seed: int, folder: Path) -> dict[str, Any]:
+    import torch
+
+    from trials.killed_runs import stopped_runs
+
+    torch.set_num_threads(1)
+    return stopped_runs(count, seed, folder / "registry")
+
+
+def _killed_writers(count: int, seed: int, folder: Path) -> dict[str, Any]:
+    from trials.killed_writers import killed_writers
+
+    return killed_writers(count, seed, folder / "registry")
+
+
+def _killed_care(count: int, seed: int, folder: Path) -> dict[str, Any]:
+    from released import rebuilt
+    from trials.killed_writers import killed_care
+
+    return killed_care(count, seed, folder, rebuilt("0001", folder / "first"))
+
+
+TRIALS: dict[str, tuple[Trial, int]] = {
+    "killed_writers": (_killed_writers, 2000),
+    "killed_care": (_killed_care, 100),
+    "killed_runs": (_killed_runs, 500),
+    "stopped_runs": (_stopped_runs, 100),
+}
+
+
+def memory_folder() -> str | None:
+    """Where files are kept in memory, if there is such a place: a killed process leaves the same there."""
+    place = Path("/dev/shm")
+    return str(place) if os.access(place, os.W_OK) else None
+
+
+def tried(name: str, count: int, seed: int) -> dict[str, Any]:
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(dir=memory_folder()) as folder:
+        counts = TRIALS[name][0](count, seed, Path(folder))
+    return {**counts, "seed": seed, "seconds": round(time.monotonic() - began, 1)}
+
+
+def main() -> int:
+    if len(sys.argv) > 2:
+        name, count, seed = sys.argv[1], int(sys.argv[2]), int(sys.argv[3] if len(sys.argv) > 3 else 0)
+        print(json.dumps(tried(name, count, seed)))
+        return 0
+    seed = int.from_bytes(os.urandom(3))
+    results: dict[str, Any] = {
+        "date": datetime.now(UTC).date().isoformat(),
+        "python": platform.python_version(),
+    }
+    for name, (_, count) in TRIALS.items():
+        print(f"{name} × {count}", file=sys.stderr, flush=True)
+        results[name] = tried(name, count, seed)
+        print(f"  {results[name]}", file=sys.stderr, flush=True)
+        RESULTS.write_text(json.dumps(results, indent=2) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,130 @@
+"""`kill -9` of runs at random moments, and of their resumption: they end as if nothing had happened (R2)."""
+
+import os
+import random
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+from paddlectl.experiments.pace import Pace
+from paddlectl.experiments.resuming import resume
+from paddlectl.registry.check import check
+from paddlectl.registry.store import Registry
+from trials.runs import KINDS, add_sources, begin, ended, quiet, small
+
+
+def child(work: Any, *given: Any) -> int:
+    """Starts work in a forked process; torch is loaded already, so it is at it within milliseconds."""
+    process = os.fork()
+    if process:
+        return process
+    try:
+        work(*given)
+        os._exit(0)
+    except BaseException as error:
+        print(f"{type(error).__name__}: {error}", flush=True)
+    os._exit(1)
+
+
+def _begin(location: Path, kind: str) -> None:
+    begin(kind, Registry.open(location), Pace(0.0))
+
+
+def _resume(location: Path, run: str) -> None:
+    resume(run, Registry.open(location), quiet, Pace(0.0))
+
+
+def killed_runs(kills: int, seed: int, location: Path) -> dict[str, Any]:
+    """Kills runs of every kind `kills` times in all, each at a moment spread over what is left of it."""
+    dice, done, most_lost, runs = random.Random(seed), 0, 0, 0
+    with small():
+        registry = Registry.open(location)
+        add_sources(registry)
+        whole: dict[str, Any] = {}
+        took: dict[str, float] = {}
+        for kind in KINDS:
+            began = time.monotonic()
+            whole[kind] = ended(registry, begin(kind, registry, Pace(0.0))["run"])
+            took[kind] = time.monotonic() - began
+        while done < kills:
+            kind = KINDS[runs % len(KINDS)]
+            before = {run.id for run in registry.runs()}
+            process = child(_begin, location, kind)
+            run = None
+            for _ in range(min(kills - done, dice.randrange(1, 8))):
+                time.sleep(dice.uniform(0.0, took[kind] * 0.6))
+                os.kill(process, signal.SIGKILL)
+                code = os.waitpid(process, 0)[1]
+                assert code in (0, signal.SIGKILL), code
+                done += 1
+                run = next((run for run in registry.runs() if run.id not in before), None)
+                assert not check(location).faults, check(location).faults
+                if run is not None and run.status == "finished":
+                    break
+                if run is not None:
+                    most_lost = max(most_lost, _lost(registry, run.id))
+                process = child(_resume, location, run.id) if run else child(_begin, location, kind)
+            if not (run and run.status == "finished"):
+                assert os.waitpid(process, 0)[1] == 0
+            run = next(run for run in registry.runs() if run.id not in before)
+            assert ended(registry, run.id) == whole[kind], f"{kind} with seed {seed} ended differently"
+            runs += 1
+        assert not check(location, read_data=True).faults
+    assert most_lost <= 1, f"{most_lost} rounds lost"
+    return {"kills": done, "runs": runs, "different": 0, "rounds_lost_at_most": most_lost}
+
+
+def _lost(registry: Registry, run: str) -> int:
+    """Rounds that the tables know and the newest checkpoint doesn't, a checkpoint being kept each round."""
+    from paddlectl.registry import checkpoints
+
+    folder = registry.folder / "runs" / run
+    told = (
+        len((folder / "progress.jsonl").read_bytes().split(b"\n")) - 1
+        if folder.exists() and (folder / "progress.jsonl").exists()
+        else 0
+    )
+    numbers = checkpoints.numbers(folder)
+    if not numbers:
+        return told
+    _, _, tables = checkpoints.read(folder, max(numbers))
+    size = tables["progress.jsonl"].size
+    return told - (folder / "progress.jsonl").read_bytes()[:size].count(b"\n")
+
+
+def stopped_runs(count: int, seed: int, location: Path) -> dict[str, Any]:
+    """SIGTERM at random moments: a checkpoint, the state `interrupted`, all within five seconds (R4)."""
+    from paddlectl.experiments.stop import Stop
+
+    dice, slowest = random.Random(seed), 0.0
+
+    def work(kind: str) -> None:
+        stop = Stop()
+        signal.signal(signal.SIGTERM, stop)
+        try:
+            begin(kind, Registry.open(location), Pace(1000.0, stop))
+        except KeyboardInterrupt:
+            os._exit(3)
+
+    with small():
+        registry = Registry.open(location)
+        add_sources(registry)
+        for number in range(count):
+            before = {run.id for run in registry.runs()}
+            process = child(work, KINDS[number % len(KINDS)])
+            while not (new := [run for run in registry.runs() if run.id not in before]):
+                time.sleep(0.02)
+            folder = registry.folder / "runs" / new[0].id
+            while not (folder / "progress.jsonl").exists():
+                time.sleep(0.02)
+            time.sleep(dice.uniform(0.0, 0.7))
+            began = time.monotonic()
+            os.kill(process, signal.SIGTERM)
+            code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+            slowest = max(slowest, time.monotonic() - began)
+            run = registry.run(new[0].id)
+            assert (code, run.status) in ((3, "interrupted"), (0, "finished")), (code, run.status)
+            assert code == 0 or any((folder / "checkpoints").glob("*.json"))
+    assert slowest <= 5.0, slowest
+    return {"stops": count, "slowest_seconds": round(slowest, 2)}
