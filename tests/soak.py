@@ -55,11 +55,25 @@ def _killed_care(count: int, seed: int, folder: Path) -> dict[str, Any]:
     return killed_care(count, seed, folder, rebuilt("0001", folder / "first"))
 
 
+def _disks(name: str) -> Trial:
+    def trial(count: int, seed: int, folder: Path) -> dict[str, Any]:
+        import torch
+
+        from trials import disks
+
+        torch.set_num_threads(1)
+        return getattr(disks, name)(count, seed, folder)  # type: ignore[no-any-return]
+
+    return trial
+
+
 TRIALS: dict[str, tuple[Trial, int]] = {
     "killed_writers": (_killed_writers, 2000),
     "killed_care": (_killed_care, 100),
     "killed_runs": (_killed_runs, 500),
     "stopped_runs": (_stopped_runs, 100),
+    "failing_writes": (_disks("failing_writes"), 1),
+    "full_disk": (_disks("full_disk"), 1000),
 }
 
 
@@ -77,6 +91,10 @@ def tried(name: str, count: int, seed: int) -> dict[str, Any]:
 
 
 def main() -> int:
+    if sys.argv[1:2] == ["full_disk_within"]:  # by the trial itself, in its own file system
+        count, seed, folder = sys.argv[2:]
+        print(json.dumps(_disks("full_disk_within")(int(count), int(seed), Path(folder))))
+        return 0
     if len(sys.argv) > 2:
         name, count, seed = sys.argv[1], int(sys.argv[2]), int(sys.argv[3] if len(sys.argv) > 3 else 0)
         print(json.dumps(tried(name, count, seed)))

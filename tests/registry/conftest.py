@@ -1,11 +1,17 @@
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import safetensors.numpy
 
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
+from postgres import Server, server
+
+ARRAYS = safetensors.numpy.save({"x": np.arange(1000.0)})
 
 
 class Filler:
@@ -25,6 +31,22 @@ class Filler:
         figures = {"success_rate": 0.5, "mean_score": 0.4, "mean_length": 30.0, "crispness": 0.9}
         return self.registry.add_policy(run=run, **plain | text | figures | given)
 
+    def all_kinds(self) -> None:
+        """Two finished runs with a policy each, and one interrupted with two checkpoints."""
+        end = {"frames": 10, "episodes": 2, "seconds": 1.5, "results": {}}
+        for number in (1, 2):
+            self.run()
+            name = f"run-{number}"
+            self.registry.append_rows(name, "episodes", [{"order": i} for i in range(50)])
+            self.registry.write_document(name, "mapping", {"target": "T"})
+            self.policy(name, checkpoint=ARRAYS[:-8] + bytes([number] * 8))
+            self.registry.finish_run(name, status="finished", **end)
+        self.run(kind="transfer", sources=["policy-1"])
+        for frames in (1, 2):
+            self.registry.append_rows("run-3", "episodes", [{"order": frames}])
+            self.registry.save_checkpoint("run-3", {"frames": frames}, ARRAYS)
+        self.registry.finish_run("run-3", status="interrupted", **end)
+
 
 @pytest.fixture
 def location(tmp_path: Path) -> Path:
@@ -34,6 +56,23 @@ def location(tmp_path: Path) -> Path:
 @pytest.fixture(scope="session")
 def new(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(Registry.open(tmp_path_factory.mktemp("new") / "registry").location)
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Server]:
+    with server() as running:
+        yield running
+
+
+@pytest.fixture
+def postgres_registry(location: Path, postgres: Server) -> Registry:
+    return Registry.open(postgres.new(location))
+
+
+@pytest.fixture
+def sqlite_registry(location: Path, new: Path) -> Registry:
+    shutil.copytree(new, location)
+    return Registry.open(location)
 
 
 @pytest.fixture

@@ -13,6 +13,15 @@ from hypothesis import strategies as st
 from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, UsageError
 from paddlectl.registry.store import Registry
 
+BOTH = ("sqlite", "postgres")
+
+
+@pytest.fixture(params=BOTH)
+def registry(request: pytest.FixtureRequest) -> Registry:
+    found: Registry = request.getfixturevalue(f"{request.param}_registry")
+    return found
+
+
 END: dict[str, Any] = {"status": "finished", "frames": 400_000, "episodes": 1200, "seconds": 61.5}
 
 

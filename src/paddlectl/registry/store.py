@@ -9,17 +9,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from sqlalchemy import Connection, Engine, delete, insert, select, update
+from sqlalchemy import Connection, select, update
 
-from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, UsageError
-from paddlectl.registry import documents, layout, manifests, objects
-from paddlectl.registry.database import Database, require_current, stamp
+from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
+from paddlectl.registry import documents, layout, objects
+from paddlectl.registry.database import Database, stamp
+from paddlectl.registry.entry import Entry
 from paddlectl.registry.faults import faults
 from paddlectl.registry.names import number_of
 from paddlectl.registry.postgres import PostgresDatabase
-from paddlectl.registry.queries import best_policy, find_policy, find_run, same_runs
+from paddlectl.registry.queries import best_policy, find_policy, find_run
 from paddlectl.registry.records import RUN_STATES, PolicyRecord, RunRecord
-from paddlectl.registry.runfiles import RunFiles
 from paddlectl.registry.schema import REVISIONS, policies, policy_record, run_records, runs, select_runs
 from paddlectl.registry.sqlite import SqliteDatabase
 
@@ -27,7 +27,7 @@ _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _LARGEST = 2**63 - 1
 
 
-class Registry(RunFiles):
+class Registry(Entry):
     """A folder with `registry.db`, `manifests/`, `objects/<sha256>.safetensors` and `runs/<run>/`.
 
     It holds no open file between calls, so it may be kept, closed, forked or dropped at any time. Processes
@@ -264,46 +264,6 @@ class Registry(RunFiles):
             hint = f"train it again: paddlectl train {policy.task}"
             return objects.read(self.folder / "objects", policy.checkpoint, policy.id, hint)
 
-    def adopt(
-        self,
-        run: Mapping[str, Any],
-        tables: Mapping[str, bytes],
-        policy: Mapping[str, Any] | None,
-        checkpoint: bytes,
-    ) -> dict[str, Any]:
-        """Enters a run that ended elsewhere, with its tables and its policy: wholly, or not at all.
-
-        Returns:
-            `{run, policy, known}`: the ids, and whether they were here already.
-        """
-        row = {**run, "resumes": 0}
-        for name in ("sources", "settings", "versions", "results"):
-            row[name] = documents.to_json(row[name], name)
-        learned = None
-        with faults(self.shown):
-            if policy is not None:
-                digest = objects.publish(self.folder / "objects", checkpoint)
-                extra = documents.to_json(policy["metadata"], "metadata")
-                learned = {**policy, "metadata": extra, "checkpoint": digest}
-        with self._transaction(self._writing) as connection:
-            for known in same_runs(connection, row, learned):
-                folder = self.folder / "runs" / known["run"]
-                if all((folder / table).exists() for table in tables):
-                    return {**known, "known": True}
-            name = f"run-{self._insert(connection, 'run', {**row, 'status': 'running'})}"
-            self._publish(connection, name)  # as one that goes on, until all of it is there
-            self._make_run_folder(name)
-            number = number_of(name, "run")
-            for table, data in tables.items():
-                objects.write_atomically(self.folder / "runs" / name / table, data)
-            connection.execute(update(runs).where(runs.c.id == number).values(status=row["status"]))
-            adopted = {"run": name, "policy": None, "known": False}
-            if learned is not None:
-                adopted["policy"] = f"policy-{self._insert(connection, 'policy', {**learned, 'run': number})}"
-                self._publish(connection, str(adopted["policy"]))
-            self._publish(connection, name)
-            return adopted
-
     @contextmanager
     def alone(self) -> Iterator[frozenset[str]]:
         """Nobody else writes meanwhile; gives the names of all files that rows need."""
@@ -326,38 +286,6 @@ class Registry(RunFiles):
         """Lets the ids of new runs or policies go on after that number."""
         self._database.count_from(connection, kind, number)
 
-    def _insert(self, connection: Connection, kind: str, row: Mapping[str, Any]) -> int:
-        """Adds a row under a number that no manifest has, not even one that the index lost."""
-        table = layout.ROW_TABLES[kind]
-        number = _inserted(connection.execute(insert(table).values(row)).inserted_primary_key)
-        if manifests.path_of(self.folder, f"{kind}-{number}").exists():
-            connection.execute(delete(table).where(table.c.id == number))
-            numbers = (number_of(name, kind) for name in manifests.names(self.folder))
-            number = 1 + max(found for found in numbers if found)
-            connection.execute(insert(table).values({**row, "id": number}))
-            self._database.count_from(connection, kind, number)
-        return number
-
-    def _publish(self, connection: Connection, name: str) -> None:
-        """Writes the manifest of a row; what it says is true once the transaction is committed."""
-        manifests.write(self.folder, layout.manifest_of(self.folder, connection, name))
-
-    def _make_run_folder(self, run: str) -> None:
-        folder = self.folder / "runs" / run
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise IntegrityError(
-                f"{folder} is there, but registry.db doesn't know it: is that an older copy?",
-                "move that folder aside",
-            )
-        objects.sync_folder(folder.parent)
-
-    @contextmanager
-    def _transaction(self, engine: Engine) -> Iterator[Connection]:
-        with faults(self.shown), engine.begin() as connection:
-            require_current(connection, self._database.file)
-            yield connection
-
 
 def database_of(location: str | Path) -> Database:
     """The index that a location names.
@@ -373,11 +301,6 @@ def database_of(location: str | Path) -> Database:
     if not text or "\0" in text:
         raise UsageError("that is no place for a registry", "give a folder")
     return SqliteDatabase(Path(text))
-
-
-def _inserted(key: Sequence[Any] | None) -> int:
-    assert key is not None
-    return int(key[0])
 
 
 def _finite(value: float, what: str) -> float:
