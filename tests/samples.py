@@ -5,6 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+import safetensors.numpy
+
 from paddlectl.cli.similarity import similarity_document
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
@@ -79,7 +82,7 @@ def add_policy(registry: Registry, run: str, task: str, text: str, domain: str =
         seed=0,
         frames=1000,
         program=text,
-        checkpoint=task.encode(),
+        checkpoint=safetensors.numpy.save({"weights": np.frombuffer(task.encode(), np.uint8)}),
         success_rate=0.97,
         mean_score=0.93,
         mean_length=30.0,

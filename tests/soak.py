@@ -67,6 +67,15 @@ def _disks(name: str) -> Trial:
     return trial
 
 
+def _fuzz(name: str) -> Trial:
+    def trial(count: int, seed: int, folder: Path) -> dict[str, Any]:
+        from trials import fuzz
+
+        return getattr(fuzz, name)(count, seed, folder)  # type: ignore[no-any-return]
+
+    return trial
+
+
 TRIALS: dict[str, tuple[Trial, int]] = {
     "killed_writers": (_killed_writers, 2000),
     "killed_care": (_killed_care, 100),
@@ -74,6 +83,11 @@ TRIALS: dict[str, tuple[Trial, int]] = {
     "stopped_runs": (_stopped_runs, 100),
     "failing_writes": (_disks("failing_writes"), 1),
     "full_disk": (_disks("full_disk"), 1000),
+    "yaml_files": (_fuzz("yaml_files"), 1_000_000),
+    "programs": (_fuzz("programs"), 1_000_000),
+    "bundle_files": (_fuzz("bundle_files"), 100_000),
+    "index_files": (_fuzz("index_files"), 20_000),
+    "command_lines": (_fuzz("command_lines"), 50_000),
 }
 
 

@@ -51,7 +51,7 @@ def make_app(loaded: Collection[str]) -> typer.Typer:
         if name in loaded:
             module = import_module(f"paddlectl.cli.{name}")
             if name in GROUPS:
-                app.add_typer(module.app, name=name, help=purpose)
+                app.add_typer(module.app, name=name, help=purpose, epilog=module.EXAMPLE)
                 continue
             app.command(name, help=purpose, epilog=module.EXAMPLE)(getattr(module, name))
         else:

@@ -13,7 +13,13 @@ if TYPE_CHECKING:
     from paddlectl.registry.check import Finding
 
 app = typer.Typer(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
+EXAMPLE = "Example: paddlectl registry check --read-data"
 DAMAGED = 5
+
+
+@app.callback()
+def registry() -> None:
+    """Check, mend, clean, move and upgrade the registry."""
 
 
 @app.command(epilog="Example: paddlectl registry check --read-data")

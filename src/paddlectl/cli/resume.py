@@ -18,7 +18,7 @@ EXAMPLE = "Example: paddlectl resume run-7"
 
 
 def resume(
-    run: Annotated[
+    runs: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="RUN...",
@@ -36,22 +36,20 @@ def resume(
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
-    from paddlectl.report.progress import progress
     from paddlectl.report.tables import RESUMED, table
 
     with Registry.open(registry, create=False) as opened:
-        stopped = stopped_runs(opened, run or [], every_stopped)
+        stopped = stopped_runs(opened, runs or [], every_stopped)
     with stdout_kept():
+        from paddlectl.cli.running import run
         from paddlectl.experiments.jobs import ResumeJob
         from paddlectl.experiments.pace import require_resumable
-        from paddlectl.experiments.processes import run_jobs
 
         for record in stopped:
             require_resumable(record)
             warn_of_versions(record)
-        with progress([f"{record.id} {record.method} {record.task}" for record in stopped]) as report:
-            jobs = [ResumeJob(record.id) for record in stopped]
-            rows = run_jobs(jobs, registry, report, every=checkpoint_every)
+        names = [f"{record.id} {record.method} {record.task}" for record in stopped]
+        rows = run([ResumeJob(record.id) for record in stopped], names, registry, checkpoint_every)
     if as_json:
         print_json({"runs": rows})
     else:

@@ -2,7 +2,7 @@
 
 import re
 
-_SECRET = re.compile(r"(://[^:/@\s]{0,200}):\S*@|(?i:(password|passwd|pwd)=)[^\s&\"']+")
+_SECRET = re.compile(r"(:/{1,2}[^:/@\s]{0,200}):\S*@|(?i:(password|passwd|pwd)=)[^\s&\"']+")
 
 
 def without_secrets(text: str) -> str:

@@ -73,11 +73,10 @@ def run_training(
 ) -> list[dict[str, Any]]:
     """Runs the jobs with their progress on stderr and gives their rows."""
     from paddlectl.cli.quiet import stdout_kept
-    from paddlectl.experiments.processes import run_jobs
+    from paddlectl.cli.running import run
     from paddlectl.registry.store import Registry
-    from paddlectl.report.progress import progress
 
     Registry.open(registry).close()  # a place that can't be used is told before anything is trained
 
-    with stdout_kept(), progress([f"{job.task} seed {job.seed}" for job in jobs]) as report:
-        return run_jobs(jobs, registry, report, every=checkpoint_every)
+    with stdout_kept():
+        return run(jobs, [f"{job.task} seed {job.seed}" for job in jobs], registry, checkpoint_every)

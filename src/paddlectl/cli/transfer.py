@@ -59,7 +59,6 @@ def transfer(
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
-    from paddlectl.report.progress import progress
     from paddlectl.report.tables import TRANSFERRED, table
     from paddlectl.scenario import load_scenario
 
@@ -70,11 +69,11 @@ def transfer(
     opened = Registry.open(registry, create=train_missing or alone)
     sources = () if alone else source_policies(opened, scenario, registry, train_missing)
     with stdout_kept():
-        from paddlectl.experiments.processes import run_jobs
+        from paddlectl.cli.running import run
 
         jobs = transfer_jobs(scenario, sources, method, chosen, frames or scenario.frames)
-        with progress([f"{scenario.name} {method} seed {job.seed}" for job in jobs]) as report:
-            rows = run_jobs(jobs, registry, report, every=checkpoint_every)
+        names = [f"{scenario.name} {method} seed {job.seed}" for job in jobs]
+        rows = run(jobs, names, registry, checkpoint_every)
     if as_json:
         print_json({"scenario": scenario.name, "target": scenario.target, "runs": rows})
     else:

@@ -67,6 +67,7 @@ class Registry(Entry):
         with faults(index.shown):
             if not index.exists():
                 if not create:
+                    layout.refuse_orphans(index.folder)
                     raise NotFoundError(f"no registry at {index.shown}", "run: paddlectl train BoxDoor")
                 index.create()
             with registry._reading.begin() as connection:

@@ -47,7 +47,9 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
         "target": run.task,
         "sources": list(run.sources),
         "program": program_document(registry.policy(run.policy)) if run.policy else None,
-        "source_programs": [program_document(registry.policy(source)) for source in run.sources],
+        "source_programs": [
+            program_document(registry.policy(source)) for source in run.sources if ":" not in source
+        ],  # those of an imported run are elsewhere
         "mapping": mapping,
         "weights": weights,
         "trace": [{"phase": phase, **decision} for phase in PHASES for decision in trace.get(phase, ())],

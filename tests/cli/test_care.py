@@ -1,0 +1,184 @@
+"""`paddlectl registry …` and `paddlectl resume` as a user types them."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from paddlectl.registry.store import Registry
+from released import rebuilt
+from samples import ROOT, Command, add_source
+
+BAD = "\x1b[2J[red]x[/red]\u202e"
+
+
+def test_a_sound_registry(registry: Registry, command: Command) -> None:
+    assert command("registry", "check").out.startswith("sound (6 rows, ")
+    document = command("registry", "check", "--read-data", "--json").json
+    assert (document["rows"], document["faults"], document["findings"]) == (6, 0, [])
+    assert document["bytes"] > 100
+    assert command("registry", "repair").out == "nothing to mend\n"
+    assert command("registry", "gc", "--json").json == {"removed": [], "bytes": 0}
+    assert command("registry", "upgrade", "--json").json == {"schema": "0002"}
+
+
+def test_a_fault_is_shown_told_by_the_exit_code_and_mended(registry: Registry, command: Command) -> None:
+    (registry.folder / "registry.db").unlink()
+    answer = command("registry", "check")
+    assert (
+        answer.code == 5 and "missing index" in answer.out and "run: paddlectl registry repair" in answer.out
+    )
+    assert command("registry", "check", "--json").json["faults"] == 1
+    assert command("policies").code == 5
+    mended = command("registry", "repair")
+    assert mended.code == 0 and "a new index was made" in mended.out
+    assert [run["run"] for run in command("runs", "--json").json["runs"]] == ["run-3", "run-2", "run-1"]
+
+
+def test_what_cant_be_mended_is_exit_5(registry: Registry, command: Command) -> None:
+    (registry.folder / "runs/run-3/trace.json").write_text("{}")
+    answer = command("registry", "repair", "--json")
+    assert answer.code == 5
+    assert [found["where"] for found in answer.json["left"]] == ["runs/run-3/trace.json"]
+    assert command("explain", "run-3").code == 5
+
+
+def test_export_and_import(registry: Registry, command: Command, tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("one.zip", "two.zip")]
+    answer = command("registry", "export", "run-3", files[0], "--json")
+    assert answer.code == 0, answer
+    told = answer.json
+    assert told == {"exported": "run-3", "file": str(files[0]), "bytes": files[0].stat().st_size}
+    other = ("--registry", tmp_path / "other")
+    answer = command("registry", "import", files[0], *other, "--json")
+    assert answer.code == 0, answer
+    assert answer.json == {
+        "run": "run-1", "policy": "policy-1", "known": False,
+    }  # fmt: skip
+    assert "was here already as policy-1" in command("registry", "import", files[0], *other).out
+    assert command("registry", "export", "run-1", files[1], *other).code == 0
+    assert files[0].read_bytes() == files[1].read_bytes()
+    explained = command("explain", "run-1", *other, "--json").json
+    assert explained["sources"] == ["elsewhere:policy-1", "elsewhere:policy-2"]
+    assert explained["mapping"] is not None
+    assert command("explain", "run-1", *other).code == 0
+
+
+def test_what_export_and_import_refuse(registry: Registry, command: Command, tmp_path: Path) -> None:
+    (tmp_path / "x.zip").write_bytes(b"PK")
+    assert command("registry", "export", "policy-1", tmp_path / "x.zip").code == 2
+    assert command("registry", "export", "policy-9", tmp_path / "y.zip").code == 4
+    assert command("registry", "import", tmp_path / "x.zip", "--registry", tmp_path / "new").code == 5
+    assert command("registry", "import", tmp_path / "none.zip").code == 4
+    assert not (tmp_path / "new").exists() and not (tmp_path / "y.zip").exists()
+
+
+def test_gc_says_what_it_removes(registry: Registry, command: Command) -> None:
+    left = registry.folder / "objects" / ("0" * 64 + ".safetensors")
+    left.write_bytes(b"left")
+    os.utime(left, (0, 0))
+    assert "1 files would go, 4 bytes" in command("registry", "gc", "--dry-run").out and left.exists()
+    assert "1 files removed, 4 bytes" in command("registry", "gc").out and not left.exists()
+
+
+def test_an_older_registry_is_upgraded(command: Command, tmp_path: Path) -> None:
+    place = rebuilt("0001", tmp_path / "old")
+    assert (
+        command("registry", "check", "--registry", place, "--json").json["findings"][0]["kind"]
+        == "older schema"
+    )
+    assert command("registry", "upgrade", "--registry", place).out == "the registry has schema 0002\n"
+    assert len(list(place.glob("registry.db.0001.*"))) == 1
+    assert "stopped run" in command("registry", "check", "--registry", place).out
+
+
+def test_what_is_stored_cant_steer_a_terminal(registry: Registry, command: Command) -> None:
+    add_source(registry, BAD, "0.5 :: gt_key()")
+    (registry.folder / "objects" / f"{BAD}".replace("/", "")).write_text("x")
+    for line in ("policies", "runs", "registry check", "registry repair", f"show {BAD}"):
+        answer = command(*line.split())
+        assert "\x1b" not in answer.out + answer.err and "\u202e" not in answer.out + answer.err, line
+        assert "red" in answer.out + answer.err or line == "registry repair", line
+
+
+def test_a_password_is_never_shown(process, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    address = f"postgresql://me:s3cret%2F@localhost:1/x?files={tmp_path}/files"
+    for line in (
+        "runs",
+        "registry check",
+        "registry repair",
+        "train BoxDoor",
+        "resume run-1",
+        "similarity --target OpenGoal",
+    ):
+        done = process(*line.split(), PADDLECTL_REGISTRY=address)
+        assert done.returncode in (1, 4), (line, done)
+        assert "s3cret" not in done.stdout + done.stderr, line
+    assert not any("s3cret" in path.read_text() for path in tmp_path.rglob("*") if path.is_file())
+
+
+def test_what_resume_refuses(registry: Registry, command: Command) -> None:
+    for line, code, told in (
+        ("resume", 2, "name it, as in"),
+        ("resume --all run-1", 2, "name it, as in"),
+        ("resume run-1", 2, "run-1 is finished"),
+        ("resume run-77", 4, "no run run-77"),
+    ):
+        answer = command(*line.split())
+        assert (answer.code, answer.out) == (code, "") and told in answer.err, answer
+    assert command("resume", "--all", "--json").json == {"runs": []}
+
+
+def started(registry: Path, *line: str) -> subprocess.Popen[str]:
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PADDLECTL_REGISTRY": str(registry)}
+    return subprocess.Popen(
+        [sys.executable, "-m", "paddlectl", *line], env=environment, text=True, start_new_session=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def learned(registry: Path, run: str = "run-1") -> tuple[object, ...]:
+    with Registry.open(registry, create=False) as opened:
+        policy = opened.policy(str(opened.run(run).policy))
+        return policy.checkpoint, policy.program, opened.read_rows(run, "episodes"), policy.success_rate
+
+
+TRAIN = ("train", "OpenGoal", "--frames", "10240", "--checkpoint-every", "0")
+
+
+def test_a_training_that_was_stopped_and_killed_ends_as_an_unbroken_one(tmp_path: Path) -> None:
+    assert started(tmp_path / "whole", *TRAIN).wait(120) == 0
+    broken = tmp_path / "broken"
+    process = started(broken, *TRAIN)
+    kept = broken / "runs" / "run-1" / "checkpoints"
+    _wait_for(lambda: any(kept.glob("*.json")))
+    began = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert time.monotonic() - began <= 5.0
+    assert (process.returncode, err.splitlines()[-1]) == (130, "interrupted")
+    assert "go on with: paddlectl resume run-1" in err
+    before = {path.name for path in kept.iterdir()}
+    process = started(broken, "resume", "run-1", "--checkpoint-every", "0")
+    _wait_for(lambda: {path.name for path in kept.iterdir()} - before)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait(60)
+    with Registry.open(broken) as opened:
+        assert opened.run("run-1").status == "running"
+    done = started(broken, "resume", "--all", "--json")
+    out, err = done.communicate(timeout=120)
+    assert done.returncode == 0, err
+    assert [row["run"] for row in json.loads(out)["runs"]] == ["run-1"]
+    assert learned(broken) == learned(tmp_path / "whole")
+    shutil.rmtree(broken)
+
+
+def _wait_for(there: object) -> None:
+    patience = time.monotonic() + 120
+    while not there():  # type: ignore[operator]
+        assert time.monotonic() < patience
+        time.sleep(0.02)

@@ -1,0 +1,36 @@
+"""The short tier of the reliability trials; `make soak` runs the long one with other seeds."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SOAK = Path(__file__).with_name("soak.py")
+COUNTS = {
+    "killed_writers": 200,
+    "killed_care": 10,
+    "killed_runs": 20,
+    "stopped_runs": 10,
+    "failing_writes": 1,
+    "full_disk": 20,
+    "yaml_files": 6000,
+    "programs": 6000,
+    "index_files": 60,
+    "command_lines": 600,
+}
+MOST_MEGABYTES = 600  # of a process that has loaded all of the command line and its packages
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_a_trial(name: str) -> None:
+    line = [sys.executable, str(SOAK), name, str(COUNTS[name]), "1"]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=280, check=False)
+    assert done.returncode == 0, done.stderr[-3000:] + done.stdout[-1000:]
+    found = json.loads(done.stdout)
+    if "skipped" in found:
+        pytest.skip(found["skipped"])
+    for nothing in ("lost", "different", "between", "ids_given_twice"):
+        assert found.get(nothing, 0) == 0
+    assert found.get("megabytes", 0) <= MOST_MEGABYTES
