@@ -6,7 +6,7 @@ DEMO := build/demo
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: setup demo test check bench clean
+.PHONY: setup demo test check soak bench clean
 
 setup: $(READY)
 
@@ -33,6 +33,11 @@ check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -n 2
+
+# The long tier of the reliability tests, for hours; SHARE=0.1 runs a tenth of it.
+SHARE ?= 1
+soak: $(READY)
+	$(BIN)/python tests/soak.py --share $(SHARE)
 
 bench: $(READY)
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev,bench]'
