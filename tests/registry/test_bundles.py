@@ -22,6 +22,7 @@ from paddlectl.registry.check import check
 from paddlectl.registry.store import Registry
 
 ARRAYS = safetensors.numpy.save({"x": np.arange(100.0, dtype=np.float32)})
+BUNDLES = Path(__file__).with_name("bundles")
 END: dict[str, Any] = {"status": "finished", "frames": 10, "episodes": 2, "seconds": 1.5}
 PROGRAM = "0.98 :: gt_key() :- !has_key(agent)\n1e-05 :: gt_door() :- has_key(agent)"
 
@@ -304,3 +305,14 @@ def test_any_change_of_a_bundle_is_refused(bundle: Members, tmp_path: Path) -> N
             take_in(tmp_path / "other", tmp_path / "x.zip")
         assert number or not (tmp_path / "other").exists()
     assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize("path", sorted(BUNDLES.glob("*.zip")), ids=lambda path: path.stem)
+def test_what_a_released_version_exported_is_taken_in_for_ever(path: Path, tmp_path: Path) -> None:
+    told = take_in(tmp_path / "registry", path)
+    with Registry.open(tmp_path / "registry") as registry:
+        run, policy = registry.run(told["run"]), registry.policy(told["policy"])
+        assert (run.task, run.method, run.scenario, run.status) == ("BoxDoor", "paddle", "A", "finished")
+        assert (policy.success_rate, policy.mean_score, policy.program) == (0.5, 0.4, PROGRAM)
+        assert registry.read_checkpoint(policy) == ARRAYS
+        assert len(registry.read_rows(run.id, "episodes")) == 50

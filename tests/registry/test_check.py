@@ -15,6 +15,7 @@ from paddlectl.registry.check import check
 from paddlectl.registry.garbage import collect
 from paddlectl.registry.repair import repair
 from paddlectl.registry.store import Registry
+from released import rebuilt
 
 
 @pytest.fixture(scope="module")
@@ -193,6 +194,19 @@ def test_a_newer_registry_is_refused_and_not_touched(location: Path) -> None:
         with pytest.raises(SchemaVersionError):
             work(location)
     assert {path: path.read_bytes() for path in location.rglob("*") if path.is_file()} == before
+
+
+def test_an_older_registry_is_left_to_be_upgraded(tmp_path: Path) -> None:
+    place = rebuilt("0001", tmp_path / "old")
+    before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    (finding,) = check(place, read_data=True).findings
+    assert (finding.kind, finding.fault) == ("older schema", False)
+    assert repair(place).done == []
+    assert {path: path.read_bytes() for path in place.rglob("*") if path.is_file()} == before
+    (place / "registry.db").write_bytes(b"damaged")
+    with pytest.raises(IntegrityError, match="no manifests"):
+        repair(place)
+    assert (place / "runs/run-1/episodes.jsonl").exists()
 
 
 def test_no_registry(tmp_path: Path) -> None:

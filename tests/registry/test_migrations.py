@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.migration import MigrationContext
@@ -11,8 +12,10 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import create_engine
 
 from paddlectl.errors import IntegrityError, PaddlectlError, SchemaVersionError
-from paddlectl.registry import database, schema
+from paddlectl.registry import database, schema, sqlite
+from paddlectl.registry.check import check
 from paddlectl.registry.store import Registry
+from released import SCHEMAS, rebuilt
 
 SECOND = """
 from alembic import op
@@ -124,7 +127,45 @@ def test_a_registry_without_one_clear_stamp_is_damaged(
         Registry.open(location)
 
 
-# A second revision, which there isn't yet
+# Released schemas
+
+
+@pytest.mark.parametrize("released", SCHEMAS)
+def test_a_released_schema_is_upgraded_row_for_row(released: str, registry: Registry, tmp_path: Path) -> None:
+    place = rebuilt(released, tmp_path / "old")
+    tables = ("runs", "policies")
+    before = {table: _query(place / "registry.db", f"SELECT * FROM {table} ORDER BY id") for table in tables}
+    with Registry.open(place, create=False) as opened:
+        assert opened.run("run-2").seed == 2**40 + 1
+        assert opened.policy("policy-1").metadata["note"] == "é\u2028\x01"
+        assert len(opened.read_rows("run-1", "episodes")) == 5
+        assert opened.read_checkpoint(opened.policy("policy-2"))
+        assert opened.resume_run("run-3").resumes == 1
+        opened.finish_run("run-3", status="interrupted", frames=4096, episodes=7, seconds=2.0, results={})
+    after = {table: _query(place / "registry.db", f"SELECT * FROM {table} ORDER BY id") for table in tables}
+    width = len(before["runs"][0])
+    assert [row[: width - 1] for row in after["runs"]] == [row[: width - 1] for row in before["runs"]]
+    assert after["policies"] == before["policies"]
+    assert _layout(place / "registry.db") == _layout(Path(registry.location) / "registry.db")
+    assert not check(place, read_data=True).faults
+
+
+def test_one_step_down_and_up_again_loses_only_what_the_older_cant_hold(tmp_path: Path) -> None:
+    place = rebuilt("0001", tmp_path / "old")
+    path = place / "registry.db"
+    before = {table: _query(path, f"SELECT * FROM {table} ORDER BY id") for table in ("runs", "policies")}
+    Registry.open(place)
+    with sqlite._migrating(path).begin() as connection:
+        config = Config(attributes={"connection": connection})
+        config.set_main_option("script_location", str(database.MIGRATIONS))
+        command.downgrade(config, "0001")
+    assert {table: _query(path, f"SELECT * FROM {table} ORDER BY id") for table in before} == before
+    with Registry.open(place) as opened:
+        assert [run.resumes for run in opened.runs()] == [0, 0, 0, 0]
+    assert not check(place, read_data=True).faults
+
+
+# A further revision, which there isn't yet
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import queue
 import signal
+import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -126,6 +127,10 @@ def _work(index: int, job: Job, registry: str, events: Any, every: float | None)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
+def _note(text: str) -> None:
+    print(f"note: {text}", file=sys.stderr)
+
+
 def _done(
     index: int, job: Job, registry: str, events: Any, stop: Stop, every: float | None
 ) -> dict[str, Any]:
@@ -145,7 +150,7 @@ def _done(
     def report(progress: Progress) -> None:
         events.put((index, progress))
 
-    pace = Pace(EVERY if every is None else every, stop)
+    pace = Pace(EVERY if every is None else every, stop, tell=_note)
     with Registry.open(registry) as opened:
         match job:
             case TrainJob():

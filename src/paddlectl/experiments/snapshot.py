@@ -14,7 +14,7 @@ import math
 import sys
 import types
 from collections import defaultdict
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import PurePath
 from typing import Any
@@ -74,7 +74,8 @@ class _Writer:
         if isinstance(value, np.generic):
             return ["scalar", *self._array(np.asarray(value))]
         if _is_constant(value):
-            return ["constant"]
+            settings = _settings(value)
+            return ["constant"] if settings is None else ["settings", settings]
         if id(value) in self._seen:
             return ["seen", self._seen[id(value)][0]]
         self._seen[id(value)] = len(self._seen), value  # kept, so that no other object gets its id meanwhile
@@ -135,7 +136,7 @@ class _Reader:
             return old
         if kind == "seen":
             return self._done[rest[0]]
-        if kind in ("float", "scalar"):
+        if kind in ("float", "scalar", "settings"):
             return getattr(self, f"_{kind}")(old, *rest)
         number = len(self._done)
         self._done.append(old)  # for what refers back to it from within
@@ -144,6 +145,9 @@ class _Reader:
 
     def _float(self, old: Any, text: str) -> float:
         return float(text)
+
+    def _settings(self, old: Any, settings: Any) -> Any:
+        return _from_settings(settings) if old is None else old
 
     def _scalar(self, old: Any, *place: Any) -> Any:
         return self._slice(*place)[()]
@@ -230,6 +234,38 @@ def _is_constant(value: Any) -> bool:
     if isinstance(value, _CONSTANT) or (isinstance(value, tuple) and value and all(map(_is_constant, value))):
         return True
     return is_dataclass(value) and bool(getattr(type(value), "__dataclass_params__").frozen)  # noqa: B009
+
+
+def _settings(value: Any) -> Any:
+    """A frozen dataclass of plain values, and of others such, as JSON; None if it has anything else in it.
+
+    So an object that was made only after the start gets its settings back.
+    """
+    if not is_dataclass(value) or isinstance(value, type):
+        return None
+    found = {field.name: _settings_field(getattr(value, field.name)) for field in fields(value)}
+    return None if None in found.values() else [_name(type(value)), found]
+
+
+def _settings_field(value: Any) -> Any:
+    if isinstance(value, tuple):
+        items = [_settings_field(item) for item in value]
+        return None if None in items else ["tuple", items]
+    if isinstance(value, float):
+        return ["float", repr(value)]
+    return ["plain", value] if isinstance(value, _PLAIN) and not isinstance(value, Enum) else _settings(value)
+
+
+def _from_settings(settings: Any) -> Any:
+    kind, found = settings
+    match kind:
+        case "tuple":
+            return tuple(map(_from_settings, found))
+        case "float":
+            return float(found)
+        case "plain":
+            return found
+    return _class(kind)(**{name: _from_settings(value) for name, value in found.items()})
 
 
 def _deep(value: Any) -> Any:

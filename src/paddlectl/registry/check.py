@@ -71,6 +71,11 @@ class Report:
         self.findings.append(Finding(kind, where, what, fault))
 
     @property
+    def older(self) -> bool:
+        """Whether the registry is of an earlier schema, which the next use upgrades."""
+        return any(finding.kind == "older schema" for finding in self.findings)
+
+    @property
     def faults(self) -> list[Finding]:
         return [finding for finding in self.findings if finding.fault]
 
@@ -93,6 +98,8 @@ def check(location: str | Path, *, read_data: bool = False) -> Report:
         with _looked_into(report, index) as connection:
             if connection is not None:
                 _index(report, index, connection)
+            if report.older:  # and has no manifests yet
+                return report
             _read_manifests(report, index.folder)
             if connection is not None:
                 _agreement(report, index.folder)

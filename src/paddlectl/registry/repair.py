@@ -42,11 +42,17 @@ def repair(location: str | Path) -> Repaired:
     Raises:
         NotFoundError: If there is none.
         SchemaVersionError: If a newer paddlectl wrote it.
+        IntegrityError: If there is nothing to mend it from.
     """
     index = database_of(location)
     told = Repaired()
     report = check(location, read_data=True)
     kinds = {finding.kind for finding in report.findings}
+    if not report.readable and not report.manifests and not report.older:
+        raise IntegrityError(
+            f"{index.shown}: its index is damaged, and there are no manifests to make it from",
+            f"restore {index.file} from a copy",
+        )
     if not report.faults and "stopped run" not in kinds:
         return told
     with faults(index.shown):
