@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from paddlectl.errors import IntegrityError, NotFoundError, SchemaVersionError
-from paddlectl.registry import manifests
+from paddlectl.registry import database, manifests
 from paddlectl.registry.check import check
 from paddlectl.registry.garbage import collect
 from paddlectl.registry.repair import repair
@@ -185,6 +185,25 @@ def test_the_index_comes_back_from_manifests_alone(location: Path) -> None:
         assert repair(location).left == []
         with Registry.open(location) as registry:
             assert (registry.runs(), registry.policies()) == (runs, policies)
+
+
+def test_others_may_write_while_the_bytes_are_read(
+    location: Path, filler: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seal = manifests.seal
+    added: list[str] = []
+
+    def meanwhile(path: Path) -> manifests.Seal:
+        with monkeypatch.context() as patch:
+            patch.setattr(manifests, "seal", seal)
+            if not added:
+                added.append(filler(Registry.open(location)).run().id)
+        return seal(path)
+
+    monkeypatch.setattr(database, "WAIT", 0.1)
+    monkeypatch.setattr(manifests, "seal", meanwhile)
+    assert check(location, read_data=True).findings == []
+    assert added == ["run-4"]
 
 
 def test_a_newer_registry_is_refused_and_not_touched(location: Path) -> None:

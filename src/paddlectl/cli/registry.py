@@ -10,7 +10,7 @@ from paddlectl.cli.options import AsJson, RegistryPlace, complete_held
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from paddlectl.registry.check import Finding
+    from paddlectl.registry.findings import Finding
 
 app = typer.Typer(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 EXAMPLE = "Example: paddlectl registry check --read-data"

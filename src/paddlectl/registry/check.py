@@ -5,24 +5,22 @@ are all bytes, by their SHA-256.
 """
 
 import os
-import re
-import stat
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import safetensors
 from sqlalchemy import Connection, inspect, select
 
 from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError, PaddlectlError
 from paddlectl.logic.syntax import parse_program
-from paddlectl.registry import checkpoints, documents, layout, manifests
+from paddlectl.registry import layout, manifests
 from paddlectl.registry.database import Database, require_current, stamp
 from paddlectl.registry.faults import faults
-from paddlectl.registry.manifests import Manifest, Seal
-from paddlectl.registry.names import is_id, number_of
+from paddlectl.registry.files import OBJECT, check_contents, check_files
+from paddlectl.registry.findings import Report, entries, inside
+from paddlectl.registry.manifests import Manifest
+from paddlectl.registry.names import is_id
 from paddlectl.registry.records import RUN_STATES
 from paddlectl.registry.schema import REVISIONS, metadata, policy_record, run_records
 from paddlectl.registry.store import database_of
@@ -30,54 +28,7 @@ from paddlectl.registry.store import database_of
 ELSEWHERE = "elsewhere:"
 """Before the id of a source that an imported run had in another registry."""
 
-_OBJECT = re.compile(r"[0-9a-f]{64}\.safetensors")
 _RATES = ("success_rate", "crispness")
-
-
-class Finding(NamedTuple):
-    """One thing that isn't as it should be.
-
-    Attributes:
-        kind: A word or two, the same for the same kind of thing.
-        where: The run, policy or file.
-        what: For people.
-        fault: Something was lost or changed; otherwise it is only left over, and `gc` or `resume` is for it.
-    """
-
-    kind: str
-    where: str
-    what: str
-    fault: bool = True
-
-
-@dataclass
-class Report:
-    """What a check found, and how much it looked at.
-
-    Attributes:
-        rows: Of the index, by the name of the run or policy.
-        readable: Whether the index and its tables could be read.
-        bytes: Read and hashed; 0 for a check of the structure.
-    """
-
-    findings: list[Finding] = field(default_factory=list)
-    rows: dict[str, dict[str, Any]] = field(default_factory=dict)
-    manifests: dict[str, Manifest] = field(default_factory=dict)
-    readable: bool = False
-    files: int = 0
-    bytes: int = 0
-
-    def add(self, kind: str, where: str, what: str, *, fault: bool = True) -> None:
-        self.findings.append(Finding(kind, where, what, fault))
-
-    @property
-    def older(self) -> bool:
-        """Whether the registry is of an earlier schema, which the next use upgrades."""
-        return any(finding.kind == "older schema" for finding in self.findings)
-
-    @property
-    def faults(self) -> list[Finding]:
-        return [finding for finding in self.findings if finding.fault]
 
 
 def check(location: str | Path, *, read_data: bool = False) -> Report:
@@ -93,18 +44,24 @@ def check(location: str | Path, *, read_data: bool = False) -> Report:
         if not index.exists():
             _missing_index(report, index)
             _read_manifests(report, index.folder)
-            _files(report, index.folder, read_data)
-            return report
-        with _looked_into(report, index) as connection:
-            if connection is not None:
-                _index(report, index, connection)
-            if report.older:  # and has no manifests yet
-                return report
-            _read_manifests(report, index.folder)
-            if connection is not None:
-                _agreement(report, index.folder)
-            _files(report, index.folder, read_data)
+            check_files(report, index.folder)
+        else:
+            _under_lock(report, index)
+        if read_data and not report.older:
+            check_contents(report, index.folder)
     return report
+
+
+def _under_lock(report: Report, index: Database) -> None:
+    with _looked_into(report, index) as connection:
+        if connection is not None:
+            _index(report, index, connection)
+        if report.older:  # and has no manifests yet
+            return
+        _read_manifests(report, index.folder)
+        if connection is not None:
+            _agreement(report, index.folder)
+        check_files(report, index.folder)
 
 
 @contextmanager
@@ -202,7 +159,7 @@ def _policy_row(report: Report, name: str, row: dict[str, Any]) -> None:
         report.add("missing run", name, f"its run run-{row['run']} isn't there")
     if not all(0.0 <= row[rate] <= 1.0 for rate in _RATES):
         report.add("impossible row", name, "a rate outside [0, 1]")
-    if not _OBJECT.fullmatch(f"{row['checkpoint']}.safetensors"):
+    if not OBJECT.fullmatch(f"{row['checkpoint']}.safetensors"):
         report.add("impossible row", name, "its checkpoint is no SHA-256")
     try:
         parse_program(row["program"])
@@ -214,11 +171,11 @@ def _policy_row(report: Report, name: str, row: dict[str, Any]) -> None:
 
 
 def _read_manifests(report: Report, folder: Path) -> None:
-    for path in _entries(folder / manifests.FOLDER):
+    for path in entries(folder / manifests.FOLDER):
         if path.name.endswith(".part"):
-            report.add("leftover", _inside(folder, path), "a writer was stopped", fault=False)
+            report.add("leftover", inside(folder, path), "a writer was stopped", fault=False)
         elif path.suffix != ".json" or not is_id(path.stem):
-            report.add("stray file", _inside(folder, path), "nothing of the registry's is called so")
+            report.add("stray file", inside(folder, path), "nothing of the registry's is called so")
         else:
             _collect(report, folder, path.stem)
 
@@ -275,124 +232,3 @@ def _lost_row(report: Report, folder: Path, name: str, manifest: Manifest) -> No
 def _began(run: Path) -> bool:
     """Whether a process has held the run: after it was entered, then."""
     return (run / "lock").exists() or (run / "checkpoints").exists()
-
-
-# Files
-
-
-def _files(report: Report, folder: Path, read_data: bool) -> None:
-    named = {path: seal for m in report.manifests.values() for path, seal in (m.files or {}).items()}
-    for file, seal in named.items():
-        _sealed_file(report, folder, file, seal, read_data)
-    for name, row in report.rows.items():
-        if name.startswith("policy-") and name not in report.manifests:
-            file = f"objects/{row['checkpoint']}.safetensors"
-            if file not in named and _OBJECT.fullmatch(file[8:]) and not (folder / file).is_file():
-                report.add("missing file", file, f"the checkpoint of {name} is missing")
-    _objects(report, folder, named)
-    for path in _entries(folder / "runs"):
-        _run_folder(report, folder, path, named, read_data)
-    for path in [*folder.glob("registry.db.new*"), *folder.glob("*.part")]:
-        report.add("leftover", path.name, "a process was stopped", fault=False)
-
-
-def _sealed_file(report: Report, folder: Path, name: str, seal: Seal, read_data: bool) -> None:
-    path = folder / name
-    if ".." in path.parts or Path(name).is_absolute():
-        report.add("damaged manifest", name, "a manifest names a file outside the registry")
-        return
-    try:
-        found = path.lstat()
-    except OSError:
-        report.add("missing file", name, "it is missing")
-        return
-    report.files += 1
-    if not stat.S_ISREG(found.st_mode):
-        report.add("strange file", name, "it is no file, but a link or folder")
-    elif found.st_size != seal.size:
-        report.add("changed size", name, f"it has {found.st_size:,} bytes, not {seal.size:,}")
-    elif read_data:
-        report.bytes += seal.size
-        _data(report, path, name, seal)
-
-
-def _data(report: Report, path: Path, name: str, seal: Seal) -> None:
-    if manifests.seal(path) != seal:
-        report.add("changed bytes", name, "it isn't what was stored (SHA-256 differs)")
-
-
-def _objects(report: Report, folder: Path, named: dict[str, Seal]) -> None:
-    owned = {
-        f"objects/{row['checkpoint']}.safetensors" for row in report.rows.values() if "checkpoint" in row
-    }
-    for path in _entries(folder / "objects"):
-        name = _inside(folder, path)
-        if path.name.endswith(".part"):
-            report.add("leftover", name, "a writer was stopped", fault=False)
-        elif not _OBJECT.fullmatch(path.name):
-            report.add("stray file", name, "nothing of the registry's is called so")
-        elif name not in named and name not in owned:
-            report.add("leftover", name, "no policy has it", fault=False)
-        elif name in named and f"{named[name].sha256}.safetensors" != path.name:
-            report.add("wrong name", name, "a manifest gives it another hash than its name")
-
-
-def _run_folder(report: Report, folder: Path, path: Path, named: dict[str, Seal], read_data: bool) -> None:
-    name = path.name
-    if number_of(name, "run") is None or not path.is_dir() or path.is_symlink():
-        report.add("stray file", _inside(folder, path), "it is no folder of a run")
-        return
-    if name not in report.rows and name not in report.manifests:
-        if any(path.iterdir()):
-            report.add("lost run", name, "its files are there, but neither row nor manifest")
-        else:
-            report.add("leftover", name, "its process died before it was entered", fault=False)
-    manifest = report.manifests.get(name)
-    for file in _entries(path):
-        if file.name.endswith(".part"):
-            report.add("leftover", _inside(folder, file), "a writer was stopped", fault=False)
-        elif file.name not in ("lock", "checkpoints"):
-            _run_file(report, folder, file, manifest, read_data)
-    _checkpoints(report, path, read_data)
-
-
-def _run_file(report: Report, folder: Path, path: Path, manifest: Manifest | None, read_data: bool) -> None:
-    name = _inside(folder, path)
-    if path.suffix not in (".json", ".jsonl") or not path.is_file():
-        report.add("stray file", name, "no run writes such a file")
-    elif manifest is not None and manifest.files is not None:
-        if name not in manifest.files:
-            report.add("unsealed file", name, "it wasn't there when the run ended")
-    elif read_data:
-        data = path.read_bytes()
-        report.bytes += len(data)
-        read: Callable[[bytes, Path], Any] = (
-            documents.rows_of if path.suffix == ".jsonl" else documents.document_of
-        )
-        try:
-            read(data, path)
-        except IntegrityError as error:
-            report.add("damaged table", name, error.message)
-
-
-def _checkpoints(report: Report, run: Path, read_data: bool) -> None:
-    arrays = {path.stem for path in (run / "checkpoints").glob("*.safetensors")}
-    for number in checkpoints.numbers(run):
-        where = f"{run.name}, checkpoint {number}"
-        if str(number) not in arrays:
-            report.add("damaged checkpoint", where, "its arrays are missing")
-        elif read_data:
-            try:
-                _, data, _ = checkpoints.read(run, number)
-                report.bytes += len(data)
-                safetensors.deserialize(data)  # type: ignore[no-untyped-call]
-            except (IntegrityError, safetensors.SafetensorError) as error:
-                report.add("damaged checkpoint", where, str(error).partition("\n")[0])
-
-
-def _entries(folder: Path) -> list[Path]:
-    return sorted(folder.iterdir()) if folder.is_dir() else []
-
-
-def _inside(folder: Path, path: Path) -> str:
-    return path.relative_to(folder).as_posix()

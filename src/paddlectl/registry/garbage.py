@@ -6,7 +6,8 @@ from pathlib import Path
 
 from paddlectl.errors import IntegrityError
 from paddlectl.registry import checkpoints, layout, manifests
-from paddlectl.registry.check import Report, check
+from paddlectl.registry.check import check
+from paddlectl.registry.findings import Report
 from paddlectl.registry.store import Registry
 
 GRACE = 3600.0

@@ -12,8 +12,9 @@ from sqlalchemy import delete, insert
 
 from paddlectl.errors import IntegrityError
 from paddlectl.registry import layout, manifests
-from paddlectl.registry.check import Finding, Report, check
+from paddlectl.registry.check import check
 from paddlectl.registry.faults import faults
+from paddlectl.registry.findings import Finding, Report
 from paddlectl.registry.names import number_of
 from paddlectl.registry.schema import policies, policy_record, run_records, runs
 from paddlectl.registry.store import Registry, database_of
