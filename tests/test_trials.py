@@ -10,13 +10,13 @@ import pytest
 SOAK = Path(__file__).with_name("soak.py")
 COUNTS = {
     "killed_writers": 200,
-    "killed_care": 10,
+    "killed_care": 6,
     "killed_runs": 20,
-    "stopped_runs": 10,
+    "stopped_runs": 8,
     "failing_writes": 1,
-    "full_disk": 20,
-    "yaml_files": 6000,
-    "programs": 6000,
+    "full_disk": 12,
+    "yaml_files": 4000,
+    "programs": 4000,
     "index_files": 60,
     "command_lines": 600,
 }

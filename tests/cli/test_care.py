@@ -148,7 +148,7 @@ def learned(registry: Path, run: str = "run-1") -> tuple[object, ...]:
         return policy.checkpoint, policy.program, opened.read_rows(run, "episodes"), policy.success_rate
 
 
-TRAIN = ("train", "OpenGoal", "--frames", "10240", "--checkpoint-every", "0")
+TRAIN = ("train", "OpenGoal", "--frames", "6144", "--checkpoint-every", "0")
 
 
 def test_a_training_that_was_stopped_and_killed_ends_as_an_unbroken_one(tmp_path: Path) -> None:

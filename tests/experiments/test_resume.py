@@ -65,7 +65,7 @@ def unbroken(place: Path) -> Unbroken:
     return Unbroken(Registry.open(place))
 
 
-STOPS = [*((kind, 5) for kind in KINDS), ("paddle default", 1), ("paddle default", 11)]
+STOPS = [*((kind, 5) for kind in KINDS), ("paddle default", 1)]
 
 
 @pytest.mark.parametrize(("kind", "rounds"), STOPS)

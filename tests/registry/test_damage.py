@@ -2,12 +2,10 @@ import errno
 import os
 import random
 import shutil
-import signal
 import sqlite3
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -302,49 +300,3 @@ def test_a_really_full_disk(tmp_path: Path) -> None:
     code = CHILD + FULL.format(disk=tmp_path)
     result = subprocess.run([*command, code], capture_output=True, text=True, env=environment)
     assert result.stdout == "whole True\n", result.stderr
-
-
-# Death
-
-WRITER = """
-r = Registry.open({location!r})
-number = 0
-while True:
-    run = r.add_run(**plain, settings={{"text": "x" * 2000}}).id
-    r.append_rows(run, "episodes", [{{"order": number}}])
-    figures = dict(success_rate=0.5, mean_score=0.5, mean_length=1.0, crispness=1.0)
-    policy = r.add_policy(run=run, task="BoxDoor", domain="minigrid", method="hdm", seed=0, frames=1,
-        program="", checkpoint=str(number).encode() * 5000, metadata={{}}, **figures)
-    r.finish_run(run, status="finished", frames=number, episodes=1, seconds=1.0, results={{}})
-    print(run, policy.id, flush=True)
-    number += 1
-"""
-
-
-def test_a_writer_killed_at_any_moment_loses_nothing_that_it_acknowledged(location: Path) -> None:
-    Registry.open(location)
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    acknowledged: list[str] = []
-    dice = random.Random(7)
-    for _ in range(8):
-        code = CHILD + WRITER.format(location=str(location))
-        with subprocess.Popen(
-            [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment
-        ) as writer:
-            assert writer.stdout is not None
-            acknowledged.append(writer.stdout.readline().strip())
-            time.sleep(dice.uniform(0, 0.2))
-            writer.send_signal(signal.SIGKILL)
-            acknowledged += [line.strip() for line in writer.stdout if line.endswith("\n")]
-        registry = Registry.open(location)
-        runs = {run.id: run for run in registry.runs()}
-        for line in acknowledged:
-            run, policy = line.split()
-            assert (runs[run].status, runs[run].policy) == ("finished", policy)
-            assert len(registry.read_rows(run, "episodes")) == 1
-        for policy in registry.policies():
-            assert registry.read_checkpoint(policy)
-    assert len(acknowledged) > 8
-    connection = sqlite3.connect(location / "registry.db")
-    assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
-    connection.close()

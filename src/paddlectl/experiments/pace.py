@@ -10,6 +10,7 @@ from paddlectl.errors import UsageError
 from paddlectl.experiments import snapshot
 from paddlectl.experiments.log import RunLog
 from paddlectl.experiments.stop import Stop
+from paddlectl.registry.names import ELSEWHERE
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 
@@ -79,7 +80,8 @@ class Pace:
             stopping = self.stop.asked
             if not stopping and time.monotonic() < due:
                 return
-            signal.setitimer(signal.ITIMER_REAL, 0)
+            if stopping:
+                signal.setitimer(signal.ITIMER_REAL, 0)
             began = time.monotonic()
             tree, arrays = snapshot.capture(kept)
             registry.save_checkpoint(log.run, {"state": tree, **log.counts()}, arrays)
@@ -93,7 +95,8 @@ class Pace:
             yield after_round
         finally:
             self.stop.between_rounds = False
-            signal.setitimer(signal.ITIMER_REAL, 0)
+            if self.stop.asked:
+                signal.setitimer(signal.ITIMER_REAL, 0)
 
     def _rewind(self, registry: Registry, log: RunLog, kept: dict[str, Any]) -> None:
         found = registry.rewind(log.run)
@@ -101,8 +104,8 @@ class Pace:
             return
         for damaged in found.skipped:
             self.tell(f"an earlier checkpoint is used, since {damaged}")
-        snapshot.restore(kept, found.document["state"], found.arrays)
         log.go_on(found.document["frames"], found.document["seconds"])
+        snapshot.restore(kept, found.document["state"], found.arrays)
 
 
 def require_resumable(run: RunRecord) -> None:
@@ -113,5 +116,5 @@ def require_resumable(run: RunRecord) -> None:
     """
     if run.status == "finished":
         raise UsageError(f"{run.id} is finished", f"run: paddlectl explain {run.id}")
-    if run.method == "random" or any(source.startswith("elsewhere:") for source in run.sources):
+    if run.method == "random" or any(source.startswith(ELSEWHERE) for source in run.sources):
         raise UsageError(f"{run.id} can't go on here", "start it anew")

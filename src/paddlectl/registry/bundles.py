@@ -16,8 +16,7 @@ from paddlectl.logic.prolog import format_prolog
 from paddlectl.logic.syntax import parse_program
 from paddlectl.registry import archive, documents, layout, manifests
 from paddlectl.registry.card import card
-from paddlectl.registry.check import ELSEWHERE
-from paddlectl.registry.names import is_id
+from paddlectl.registry.names import ELSEWHERE, is_id
 from paddlectl.registry.objects import write_atomically
 from paddlectl.registry.records import RUN_STATES, PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry

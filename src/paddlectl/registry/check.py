@@ -20,13 +20,10 @@ from paddlectl.registry.faults import faults
 from paddlectl.registry.files import OBJECT, check_contents, check_files
 from paddlectl.registry.findings import Report, entries, inside
 from paddlectl.registry.manifests import Manifest
-from paddlectl.registry.names import is_id
+from paddlectl.registry.names import ELSEWHERE, is_id
 from paddlectl.registry.records import RUN_STATES
 from paddlectl.registry.schema import REVISIONS, metadata, policy_record, run_records
 from paddlectl.registry.store import database_of
-
-ELSEWHERE = "elsewhere:"
-"""Before the id of a source that an imported run had in another registry."""
 
 _RATES = ("success_rate", "crispness")
 

@@ -4,6 +4,9 @@ import difflib
 import re
 from collections.abc import Sequence
 
+ELSEWHERE = "elsewhere:"
+"""Before the id of a source that an imported run had in another registry."""
+
 _ID = re.compile(r"(run|policy)-([1-9][0-9]{0,17})")
 
 

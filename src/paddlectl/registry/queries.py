@@ -46,7 +46,8 @@ def best_policy(connection: Connection, task: str) -> PolicyRecord:
     """
     c = policies.c
     best_first = (c.success_rate.desc(), c.mean_score.desc(), c.id.desc())
-    row = connection.execute(select(policies).where(c.task == task).order_by(*best_first).limit(1)).first()
+    found = select(policies).where(c.task == task).order_by(*best_first).limit(1)
+    row = connection.execute(found).first() if task.isprintable() else None  # others can't even be asked for
     if row is None:
         raise NotFoundError(f"no policy for {shown(task)}", _way_to_policy(connection, task))
     return policy_record(row)

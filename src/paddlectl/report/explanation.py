@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from paddlectl.errors import IntegrityError
+from paddlectl.registry.names import ELSEWHERE
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.report.programs import program_document
@@ -48,7 +49,9 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
         "sources": list(run.sources),
         "program": program_document(registry.policy(run.policy)) if run.policy else None,
         "source_programs": [
-            program_document(registry.policy(source)) for source in run.sources if ":" not in source
+            program_document(registry.policy(source))
+            for source in run.sources
+            if not source.startswith(ELSEWHERE)
         ],  # those of an imported run are elsewhere
         "mapping": mapping,
         "weights": weights,
