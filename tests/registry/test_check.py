@@ -11,6 +11,7 @@ import pytest
 
 from paddlectl.errors import IntegrityError, NotFoundError, SchemaVersionError
 from paddlectl.registry import database, manifests
+from paddlectl.registry import repair as repairing
 from paddlectl.registry.check import check
 from paddlectl.registry.garbage import collect
 from paddlectl.registry.repair import repair
@@ -204,6 +205,31 @@ def test_others_may_write_while_the_bytes_are_read(
     monkeypatch.setattr(manifests, "seal", meanwhile)
     assert check(location, read_data=True).findings == []
     assert added == ["run-4"]
+
+
+def test_repair_leaves_what_others_do_meanwhile(
+    location: Path, filler: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sql("DELETE FROM policies WHERE id = 2", "UPDATE runs SET frames = 77 WHERE id = 1")(location)
+    other = filler(Registry.open(location))
+    opened: list[str] = []
+
+    def check_and_then(*given: Any, **named: Any) -> Any:
+        report = check(*given, **named)
+        if not opened:
+            opened.append(other.run().id)
+            other.policy("run-4")
+            other.registry.resume_run("run-3")
+        return report
+
+    monkeypatch.setattr(repairing, "check", check_and_then)
+    told = repair(location)
+    assert told.left == []
+    with Registry.open(location) as registry:
+        assert [run.id for run in registry.runs()] == ["run-4", "run-3", "run-2", "run-1"]
+        assert [policy.id for policy in registry.policies()] == ["policy-3", "policy-2", "policy-1"]
+        assert (registry.run("run-3").status, registry.run("run-3").resumes) == ("running", 1)
+        assert registry.run("run-1").frames == 10
 
 
 def test_a_newer_registry_is_refused_and_not_touched(location: Path) -> None:

@@ -45,15 +45,20 @@ def killed_writers(kills: int, seed: int, location: Path) -> dict[str, Any]:
     """Kills a writer at random moments; whatever it acknowledged must be there, and true."""
     registry, dice = Registry.open(location), random.Random(seed)
     acknowledged: list[tuple[str, str]] = []
+    began = time.monotonic()
+    for number in range(10):
+        write_one(registry, number)
+    took = (time.monotonic() - began) / 10
     for number in range(kills):
         reading, writing = os.pipe()
         process = child(_write, location, writing, number * 10_000)
         os.close(writing)
-        time.sleep(dice.uniform(0.0, 0.06))
-        os.kill(process, signal.SIGKILL)
-        assert os.waitpid(process, 0)[1] == signal.SIGKILL
         with os.fdopen(reading) as pipe:
-            told = [tuple(line.split()) for line in pipe.read().splitlines()]
+            told = [tuple(pipe.readline().split()) for _ in range(dice.randrange(3))]
+            time.sleep(dice.uniform(0.0, 1.5 * took))
+            os.kill(process, signal.SIGKILL)
+            assert os.waitpid(process, 0)[1] == signal.SIGKILL
+            told += [tuple(line.split()) for line in pipe.read().splitlines()]
         for run, policy in told:
             assert (registry.run(run).status, registry.run(run).policy) == ("finished", policy)
             assert registry.read_checkpoint(registry.policy(policy))
@@ -62,6 +67,7 @@ def killed_writers(kills: int, seed: int, location: Path) -> dict[str, Any]:
             _sound(location)
     report = _sound(location, read_data=True)
     assert {name for pair in acknowledged for name in pair} <= set(report.rows)
+    assert len(acknowledged) >= kills // 2, "killed too soon to say anything"
     told_twice = len(acknowledged) - len(set(acknowledged))
     mended = repair(location)
     assert not mended.left and not check(location, read_data=True).faults

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import delete, insert
+from sqlalchemy import Connection, delete, insert, select, update
 
 from paddlectl.errors import IntegrityError
 from paddlectl.registry import layout, manifests
@@ -16,9 +16,10 @@ from paddlectl.registry.check import check
 from paddlectl.registry.faults import faults
 from paddlectl.registry.findings import Finding, Report
 from paddlectl.registry.names import number_of
-from paddlectl.registry.schema import policies, policy_record, run_records, runs
+from paddlectl.registry.schema import policy_record, run_records, runs
 from paddlectl.registry.store import Registry, database_of
 
+Rows = dict[str, dict[str, Any]]
 _MOVED = {"stray file", "strange file", "unsealed file", "damaged manifest", "lost run"}
 _REBUILT = {"damaged index", "missing index", "missing database index"}
 _LOST = {"missing file", "changed size", "changed bytes", "strange file", "wrong name"}
@@ -58,27 +59,28 @@ def repair(location: str | Path) -> Repaired:
         return told
     with faults(index.shown):
         layout.make(index.folder)
-        rows = _desired(report, told)
+        rows, before = _desired(report, told), report.rows
         if kinds & _REBUILT:
-            old = index.renew("damaged")
+            old, before = index.renew("damaged"), {}
             told.done.append(f"a new index was made; the old one is {old}" if old else "a new index was made")
-        elif rows != report.rows:
+        elif rows != before:
             told.done.append(f"the index as it was is {index.copy('repaired')}")
-        _move_aside(report, rows, index.folder, told)
-        with Registry(location) as registry:
-            _enter(registry, rows, report, told)
+        with Registry(location) as registry, registry.mending() as connection:
+            _move_aside(report, rows, index.folder, told)
+            changed = _enter(registry, connection, before, rows)
+            _seal(registry, connection, rows, changed, report, told)
     told.left = check(location, read_data=True).faults
     return told
 
 
-def _desired(report: Report, told: Repaired) -> dict[str, dict[str, Any]]:
+def _desired(report: Report, told: Repaired) -> Rows:
     """The rows that the index shall have, runs first."""
     lost = {finding.where for finding in report.faults if finding.kind in _LOST}
     leftover = {finding.where for finding in report.findings if finding.kind == "leftover"}
     names = sorted(
         {*report.rows, *report.manifests} - leftover, key=lambda name: (name[0] != "r", _number(name))
     )
-    rows: dict[str, dict[str, Any]] = {}
+    rows: Rows = {}
     for name in names:
         row = _better(name, report.rows.get(name), report.manifests.get(name))
         if row is None:
@@ -128,7 +130,7 @@ def _is_row(name: str, row: dict[str, Any]) -> bool:
     return True
 
 
-def _known_by_their_policies(rows: dict[str, dict[str, Any]], told: Repaired) -> None:
+def _known_by_their_policies(rows: Rows, told: Repaired) -> None:
     """Enters a run of which only a policy is left, so that the policy can be used."""
     for policy in [row for name, row in rows.items() if name.startswith("policy-")]:
         name = f"run-{policy['run']}"
@@ -147,7 +149,11 @@ def _move_aside(report: Report, rows: dict[str, Any], folder: Path, told: Repair
     paths = [folder / f.where for f in report.faults if f.kind in _MOVED and f.kind != "damaged manifest"]
     paths += [folder / "runs" / f.where for f in report.faults if f.kind == "lost run"]
     paths += [folder / f.where for f in report.faults if f.kind in _LOST and f.where.startswith("objects/")]
-    paths += [manifests.path_of(folder, f.where) for f in report.faults if f.kind == "damaged manifest"]
+    paths += [
+        manifests.path_of(folder, f.where)
+        for f in report.faults
+        if f.kind == "damaged manifest" and not _is_whole(folder, f.where)
+    ]
     paths += [manifests.path_of(folder, name) for name in gone - leftover]
     paths += [_of_checkpoint(folder, f.where) for f in report.faults if f.kind == "damaged checkpoint"]
     aside = folder / "aside" / datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
@@ -159,31 +165,62 @@ def _move_aside(report: Report, rows: dict[str, Any], folder: Path, told: Repair
             told.done.append(f"{path.relative_to(folder)}: moved to {place.relative_to(folder)}")
 
 
+def _is_whole(folder: Path, name: str) -> bool:
+    """Whether a manifest that was damaged has been written again meanwhile."""
+    try:
+        manifests.read(folder, name)
+    except IntegrityError:
+        return False
+    return True
+
+
 def _of_checkpoint(folder: Path, where: str) -> Path:
     run, _, number = where.partition(", checkpoint ")
     return folder / "runs" / run / "checkpoints" / f"{number}.json"
 
 
-def _enter(registry: Registry, rows: dict[str, dict[str, Any]], report: Report, told: Repaired) -> None:
-    """Replaces the rows in one transaction, and writes the manifests that are missing or say otherwise."""
-    with registry.mending() as connection:
-        connection.execute(delete(policies))
-        connection.execute(delete(runs))
-        for name, row in rows.items():
-            kind = name.partition("-")[0]
-            connection.execute(insert(layout.ROW_TABLES[kind]).values(row))
-            registry.count_from(connection, kind, row["id"])
-        for name, row in rows.items():
-            (registry.folder / "runs" / name).mkdir(exist_ok=True) if name.startswith("run-") else None
-            manifest = report.manifests.get(name)
-            if manifest is None:
-                manifests.write(registry.folder, layout.manifest_of(registry.folder, connection, name))
-                told.done.append(f"{name}: a new manifest, of its files as they are")
-            elif manifest.row != row:
-                files = manifest.files
-                if files is None and row.get("status") != "running":
-                    files = layout.manifest_of(registry.folder, connection, name).files
-                manifests.write(registry.folder, manifests.Manifest(name, row, files))
+def _enter(registry: Registry, connection: Connection, before: Rows, rows: Rows) -> list[str]:
+    """Brings the index from the rows that were looked at to those that it shall have; gives what changed.
+
+    A row that another process has changed meanwhile stays as it is.
+    """
+    now: Rows = {}
+    for kind, table in layout.ROW_TABLES.items():
+        for row in connection.execute(select(table)):
+            values = dict(zip(table.columns.keys(), row, strict=True))
+            now[f"{kind}-{values['id']}"] = values
+    changed = [name for name in {**before, **rows} if rows.get(name) != before.get(name)]
+    changed = [name for name in changed if now.get(name) == before.get(name)]
+    for name in changed:
+        table = layout.ROW_TABLES[name.partition("-")[0]]
+        if name not in rows:
+            connection.execute(delete(table).where(table.c.id == _number(name)))
+    for name in sorted(set(changed) & set(rows), key=lambda name: name[0] != "r"):  # runs first
+        kind, table = name.partition("-")[0], layout.ROW_TABLES[name.partition("-")[0]]
+        if name in now:
+            connection.execute(update(table).where(table.c.id == _number(name)).values(rows[name]))
+        else:
+            connection.execute(insert(table).values(rows[name]))
+            registry.count_from(connection, kind, _number(name))
+    return changed
+
+
+def _seal(
+    registry: Registry, connection: Connection, rows: Rows, changed: list[str], report: Report, told: Repaired
+) -> None:
+    """Writes the manifests that are missing, or say otherwise than their rows."""
+    for name in rows:
+        if name.startswith("run-"):
+            (registry.folder / "runs" / name).mkdir(exist_ok=True)
+        manifest = report.manifests.get(name)
+        if manifest is None and not manifests.path_of(registry.folder, name).exists():
+            manifests.write(registry.folder, layout.manifest_of(registry.folder, connection, name))
+            told.done.append(f"{name}: a new manifest, of its files as they are")
+        elif manifest is not None and manifest.row != rows[name] and name in changed:
+            files = manifest.files
+            if files is None and rows[name].get("status") != "running":
+                files = layout.manifest_of(registry.folder, connection, name).files
+            manifests.write(registry.folder, manifests.Manifest(name, rows[name], files))
 
 
 def _number(name: str) -> int:
