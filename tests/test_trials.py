@@ -9,9 +9,9 @@ import pytest
 
 SOAK = Path(__file__).with_name("soak.py")
 COUNTS = {
-    "killed_writers": 200,
+    "killed_writers": 120,
     "killed_care": 6,
-    "killed_runs": 20,
+    "killed_runs": 16,
     "stopped_runs": 8,
     "failing_writes": 1,
     "full_disk": 12,

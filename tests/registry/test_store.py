@@ -218,7 +218,7 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(document=JSON, row=st.dictionaries(st.text(), JSON, max_size=4))
 def test_json_comes_back_as_it_was(registry: Registry, add: Any, document: Any, row: dict[str, Any]) -> None:
     run = add.run(settings=row).id

@@ -3,7 +3,7 @@
 import signal
 from types import FrameType
 
-PATIENCE = 3.0
+PATIENCE = 2.0
 """Seconds that a run which is asked to stop has to end its round, so that it can keep a checkpoint."""
 
 
