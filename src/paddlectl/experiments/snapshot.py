@@ -49,12 +49,13 @@ def restore(roots: dict[str, Any], tree: Any, arrays: bytes) -> None:
     """
     try:
         _Reader(safetensors.numpy.load(arrays)).fill(roots, tree)
-    except (AttributeError, KeyError, LookupError, RuntimeError, TypeError, ValueError) as error:
+    except (*_MISFITS, safetensors.SafetensorError) as error:
         raise IntegrityError(f"what was saved doesn't fit this version: {error}"[:300], _HINT) from error
     if capture(roots) != (tree, arrays):
         raise IntegrityError("what was saved can't be restored exactly by this version", _HINT)
 
 
+_MISFITS = (AttributeError, LookupError, RuntimeError, TypeError, ValueError)
 _HINT = "go on with the version of paddlectl that the run began with"
 
 
