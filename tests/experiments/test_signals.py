@@ -61,7 +61,8 @@ def test_a_stopped_training_marks_its_run(tmp_path, send, number, code):
 
 def test_a_training_is_stopped_before_it_has_begun(tmp_path):
     process = train(tmp_path / "registry")
-    time.sleep(1.5)  # its own process is being made
+    wait_for(tmp_path / "registry" / "registry.db")
+    time.sleep(0.3)  # its own process is being made
     os.killpg(process.pid, signal.SIGINT)
     assert process.communicate(timeout=60) == ("", "interrupted\n")
     assert process.returncode == 130
