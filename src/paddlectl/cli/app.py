@@ -83,11 +83,14 @@ def main() -> int:
 
 
 def _mend_streams() -> None:
-    """Leads streams that the caller closed nowhere, and lets text through that stdout's encoding lacks.
+    """Leads closed streams nowhere, forgets absurd sizes, lets text through that stdout's encoding lacks.
 
     A file opened while a standard stream is closed would get its number, and what is printed.
     """
     nowhere = Path(os.devnull)
+    for size in ("COLUMNS", "LINES"):
+        if len(os.environ.get(size, "")) > 4:  # no terminal is so large, and Rich would try to fill it
+            del os.environ[size]
     sys.stdin = sys.stdin or nowhere.open()
     sys.stdout = sys.stdout or nowhere.open("w")
     sys.stderr = sys.stderr or nowhere.open("w")
