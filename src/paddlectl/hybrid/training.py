@@ -11,7 +11,7 @@ from paddlectl.hybrid.rollout import Chooser, Episode, Rollout, Witness
 from paddlectl.learners.base import Actor
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.clauses import Program
-from paddlectl.tasks.base import Bools, Ints, Task
+from paddlectl.tasks.base import Bools, Environment, Ints, Task
 
 ON_PATH = 0.05
 """A scene is on a policy's path if at least this share of its episodes come through it."""
@@ -85,8 +85,8 @@ def learn(
         settings.decisions,
         [*witnesses, credit],
     )
-    buffer = RolloutBuffer.empty(settings.block, settings.lanes, environment.observation_size)
-    for _ in range(max(1, frames // (settings.block * settings.lanes))):
+    buffer = _buffer(settings.block, environment)
+    for _ in range(max(1, frames // (settings.block * settings.lanes * environment.repeat))):
         chooser.refresh()
         episodes = rollout.collect(buffer)
         policy.low_level.anneal(rollout.frames / frames)
@@ -111,7 +111,7 @@ def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Eval
         [policy.low_level.frozen()],
         policy.settings.decisions,
     )
-    buffer = RolloutBuffer.empty(32, episodes, environment.observation_size)
+    buffer = _buffer(32, environment)
     played: list[Episode] = []
     while len(played) < episodes:
         played += [episode for episode in rollout.collect(buffer) if episode.order < episodes]
@@ -123,6 +123,13 @@ def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Eval
         float(np.mean([e.length for e in played])),
         policy.program(np.flatnonzero(visits), EXECUTED),
         crispness(policy, visits / episodes),
+    )
+
+
+def _buffer(steps: int, environment: Environment) -> RolloutBuffer:
+    actions = environment.actions
+    return RolloutBuffer.empty(
+        steps, environment.lanes, environment.observation_size, actions.shape, actions.dtype
     )
 
 
