@@ -15,7 +15,11 @@ from paddlectl.scenario import Guidance, Scenario
 FRAMES = 8192
 TARGET = "BlockedBoxUnlockPickup"
 CHANGES = (
-    (transfers, "settings_for", lambda task, *_: settings_for(task, {"lanes": 8, "low_level": {"epochs": 1}})),
+    (
+        transfers,
+        "settings_for",
+        lambda task, *_: settings_for(task, {"lanes": 8, "low_level": {"epochs": 1}}),
+    ),
     (transfers, "WINDOW", 10),
     (sources, "EVALUATION_EPISODES", 8),
 )

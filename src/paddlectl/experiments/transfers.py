@@ -36,7 +36,7 @@ def run_transfer(job: TransferJob, registry: Registry, report: Callable[[Progres
     """
     task = load(job.scenario.target)
     paper = {"decisions": {"patience": 1.0}} if job.scenario.guidance.mode == "paper" else {}
-    settings = settings_for(task, paper, job.hybrid)
+    settings = settings_for(task, job.hybrid, paper)
     run = registry.add_run(
         kind="transfer",
         method=job.method,

@@ -40,6 +40,7 @@ class Learner(Actor, Protocol):
     def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
         """Starts from another's tensors, its preferences weakened to a share of them so that it explores."""
 
+
 class LearnerSettings(Protocol):
     """The numbers of a learner, and how to make one of them."""
 

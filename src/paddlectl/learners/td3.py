@@ -257,7 +257,7 @@ class TD3:
             )
 
     def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
-        """Starts from another's networks. Its actor has no odds to be weakened: noise is what explores here."""
+        """Starts from another's networks; there are no odds to be weakened, for noise explores here."""
         self.load(state)
 
 
