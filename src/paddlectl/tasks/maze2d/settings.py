@@ -90,5 +90,7 @@ def _paper(task: str) -> Preset:
 
 PRESETS: Mapping[str, Callable[[str], Preset]] = {"default": _default, "paper": _paper}
 
-GUIDANCE: Mapping[str, Any] = {"fading": 0.3}
-"""A decision that fails takes a third of an episode here, so a guide is soon judged by what came of it."""
+GUIDANCE: Mapping[str, Any] = {"fading": 0.3, "audition_rate": 0.05}
+"""A decision that fails takes a third of an episode here, so that guides are soon judged by what came of
+them, and the target is heard less often.
+"""
