@@ -18,7 +18,7 @@ CHANGES = (
     (
         transfers,
         "settings_for",
-        lambda task, *_: settings_for(task, {"lanes": 8, "low_level": {"epochs": 1}}),
+        lambda task, *changes: settings_for(task, *changes, {"lanes": 8, "low_level": {"epochs": 1}}),
     ),
     (transfers, "WINDOW", 10),
     (sources, "EVALUATION_EPISODES", 8),
