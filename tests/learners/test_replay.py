@@ -120,9 +120,9 @@ def test_places_come_up_evenly():
 def test_errands_take_their_share_of_the_time():
     made, errands, rng = replay(Hindsight(goal_size=1)), Errands(1, steps=5.0), np.random.default_rng(0)
     observations = np.tile(np.array([0.0, 0.0, -1.0], np.float32), (50, 1))
-    sent = np.array([errands.send(observations, made, 0.3, rng)[:, 2] for _ in range(2000)])
+    sent = np.array([errands.send(observations, made, 0.3, rng)[:, 2] for _ in range(600)])
     away = sent != -1.0
-    assert away.mean() == pytest.approx(0.3, abs=0.03)
+    assert away.mean() == pytest.approx(0.3, abs=0.05)
     assert set(np.unique(sent[away])) <= set(np.unique(made.following[:STEPS, :, 0]))
     changes = (sent[1:] != sent[:-1])[away[:-1]].mean()
     assert changes == pytest.approx(1 / 5, abs=0.03)

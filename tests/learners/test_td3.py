@@ -59,7 +59,7 @@ def bandit_block(learner: TD3, rng: np.random.Generator) -> RolloutBuffer:
     return buffer
 
 
-def trained(seed: int, blocks: int = 40) -> TD3:
+def trained(seed: int, blocks: int = 25) -> TD3:
     learner, rng = TD3(2, 1, seed, TD3Settings(**SMALL, update_every=16)), np.random.default_rng(seed)
     for _ in range(blocks):
         learner.update(bandit_block(learner, rng))
@@ -68,7 +68,7 @@ def trained(seed: int, blocks: int = 40) -> TD3:
 
 def test_it_learns_the_action_that_is_named():
     learner = trained(0)
-    assert learner.updates == 40 * 16
+    assert learner.updates == 25 * 16
     seen = np.random.default_rng(1).uniform(-0.8, 0.8, (200, 2)).astype(np.float32)
     actions, log_probs = learner.frozen().act(seen)
     assert np.abs(actions[:, 0] - seen[:, 0]).mean() < 0.12
@@ -91,10 +91,10 @@ def test_random_actions_rise_from_lane_to_lane_and_fall_over_the_budget():
         learner.anneal(done)
         seen = np.zeros((100, 2), np.float32)
         best = learner.act(seen)[0][0]  # the first lane never acts at random
-        return np.mean([learner.act(seen)[0] != best for _ in range(200)], 0)[:, 0]
+        return np.mean([learner.act(seen)[0] != best for _ in range(60)], 0)[:, 0]
 
-    np.testing.assert_allclose(share(0.0), np.linspace(0, 1, 100), atol=0.2)
-    np.testing.assert_allclose(share(0.5), np.linspace(0, 0.5, 100), atol=0.2)
+    np.testing.assert_allclose(share(0.0), np.linspace(0, 1, 100), atol=0.3)
+    np.testing.assert_allclose(share(0.5), np.linspace(0, 0.5, 100), atol=0.3)
     assert not share(1.0).any()
 
 
@@ -142,3 +142,11 @@ def test_a_code_interpolates_between_the_points_of_its_grid():
     np.testing.assert_allclose(seen[1:7], np.array([0, 0.5, 0.25, 0, 0.25, -0.5]) / 1.5, atol=1e-6)
     np.testing.assert_allclose(seen[7:13] / 2, [0, 0, 0, 1, 0, 0])
     np.testing.assert_allclose(seen[13:] / 2, [0, 0, 0.375, 0.375, 0.125, 0.125])
+
+
+def test_what_is_inherited_is_used_at_once():
+    learner, heir = trained(0, blocks=4), TD3(2, 1, 5, TD3Settings(**SMALL, exploration=0.0))
+    heir.inherit(learner.state(), 0.7)
+    seen = np.random.default_rng(0).uniform(-0.8, 0.8, (50, 2)).astype(np.float32)
+    expected = learner.online.actor(torch.from_numpy(seen)).tanh().detach().numpy()
+    np.testing.assert_allclose(heir.act(seen)[0], expected, atol=1e-6)

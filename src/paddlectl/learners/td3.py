@@ -39,7 +39,7 @@ class TD3Settings:
         exploration: Deviation of the noise on an action.
         tracking: τ, by which the slow copies follow.
         hidden: Units of each layer.
-        warm_up: Random actions before the first update.
+        warm_up: Actions before the first update, at random unless something was inherited.
         capacity: Transitions that are kept.
         final_rate: Share of the learning rate that is left at the end of the budget; it falls in a straight
             line.
@@ -144,6 +144,7 @@ class TD3:
         self._due = 0.0
         self._left = 1.0
         self._own = 1.0
+        self._skilled = False
         self._errands = Errands(s.goal_size, s.errand_steps)
 
     def act(self, observations: Floats) -> tuple[Floats, Floats]:
@@ -152,7 +153,7 @@ class TD3:
         It goes on errands, and acts at random, the less the more others act for it.
         """
         s, shape = self.settings, (len(observations), self.actions)
-        rate: float | NDArray[np.float64] = 1.0
+        rate: float | NDArray[np.float64] = 0.0 if self._skilled else 1.0
         if self.replay and self._warm(self.replay):
             exploring = self._left * self._own
             rate = np.linspace(0.0, s.random_actions * exploring, shape[0])
@@ -259,6 +260,7 @@ class TD3:
     def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
         """Starts from another's networks; there are no odds to be weakened, for noise explores here."""
         self.load(state)
+        self._skilled = True
 
 
 @torch.no_grad()

@@ -66,7 +66,13 @@ _OF_TASK: Mapping[str, Preset] = {
             "lanes": 1,
             "block": 256,
             "decisions": {**_DECISIONS, "reward_unit": 55.0},
-            "low_level": {**_DEVIATIONS, "discount": 0.97, "span": 100, "errand_steps": 40.0},
+            "low_level": {
+                **_DEVIATIONS,
+                "learning_rate": 3e-4,
+                "discount": 0.97,
+                "span": 100,
+                "errand_steps": 40.0,
+            },
         },
     ),
 }
