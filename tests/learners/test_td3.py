@@ -59,7 +59,7 @@ def bandit_block(learner: TD3, rng: np.random.Generator) -> RolloutBuffer:
     return buffer
 
 
-def trained(seed: int, blocks: int = 25) -> TD3:
+def trained(seed: int, blocks: int = 40) -> TD3:
     learner, rng = TD3(2, 1, seed, TD3Settings(**SMALL, update_every=16)), np.random.default_rng(seed)
     for _ in range(blocks):
         learner.update(bandit_block(learner, rng))
@@ -68,7 +68,7 @@ def trained(seed: int, blocks: int = 25) -> TD3:
 
 def test_it_learns_the_action_that_is_named():
     learner = trained(0)
-    assert learner.updates == 25 * 16
+    assert learner.updates == 40 * 16
     seen = np.random.default_rng(1).uniform(-0.8, 0.8, (200, 2)).astype(np.float32)
     actions, log_probs = learner.frozen().act(seen)
     assert np.abs(actions[:, 0] - seen[:, 0]).mean() < 0.12
