@@ -132,22 +132,26 @@ def parsed() -> argparse.Namespace:
 
 def main() -> None:
     options = parsed()
-    code = commit()
-    ablations = options.parts == ["ablations"]
-    location = f"{options.registry}-ablations" if ablations else options.registry
-    registry = Registry.open(location)
+    ablations = [part for part in options.parts if part == "ablations"]
+    others = [part for part in options.parts if part not in ablations]
+    # Ablated sources aren't to be anyone's best.
+    for location, parts in ((options.registry, others), (f"{options.registry}-ablations", ablations)):
+        if parts:
+            measure(argparse.Namespace(**{**vars(options), "registry": location, "parts": parts}))
+
+
+def measure(options: argparse.Namespace) -> None:
+    """Runs what was asked for, one after the other, and merges each into the result file."""
+    code, registry = commit(), Registry.open(options.registry)
     for key, job in jobs_of(options, registry):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        run([job], location, 1)
+        run([job], options.registry, 1)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         record = registry.runs()[0]
         result = figures(registry, record)
-        result["cpu_seconds"] = round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, 1)
-        merge(
-            options.output,
-            key,
-            {**result, "commit": code, "versions": record.versions, "machine": machine()},
-        )
+        spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        result |= {"cpu_seconds": round(spent, 1), "commit": code, "versions": record.versions}
+        merge(options.output, key, {**result, "machine": machine()})
         print(key, json.dumps(result), flush=True)
 
 
