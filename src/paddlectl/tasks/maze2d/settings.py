@@ -69,7 +69,7 @@ _OF_TASK: Mapping[str, Preset] = {
             "low_level": {
                 **_DEVIATIONS,
                 "learning_rate": 3e-4,
-                "discount": 0.97,
+                "discount": 0.98,
                 "span": 100,
                 "errand_steps": 40.0,
             },
