@@ -83,8 +83,8 @@ def _default(task: str) -> Preset:
 
     An action that lasts 20 steps (0.2 s) takes the ball about a cell on, so that a way through the maze is a
     dozen actions long and each of them makes a difference. Once it is known, the same ways are gone a tenth
-    faster with an action every 5 steps, and the target has little time to lose: a source learns by the coarser
-    actions, and guides by the finer ones. The discount is the same for the same time.
+    faster with an action every 5 steps, and the target has little time to lose. The discount is the same for
+    the same time.
 
     The target plays in one lane: of many that start at once, all would make the same mistakes. Rewards are
     counted such that a good order of play is worth more than ψ promises of an untried guide, and a bad one
