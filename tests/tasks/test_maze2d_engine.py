@@ -121,7 +121,7 @@ def test_every_head_can_be_reached_and_the_task_be_solved(task):
 
 
 def test_an_unsolved_episode_ends_at_the_horizon():
-    env = Engine(SPECS["CoffeeMaze"], 2, 0)
+    env = Engine(SPECS["CoffeeMaze"], 2, 0, repeat=20)
     ends = [env.step(np.zeros((2, 2), np.float32)).truncated.copy() for _ in range(50)]
     assert not np.any(ends[:-1])
     assert ends[-1].all()

@@ -90,7 +90,7 @@ def test_one_observation_and_action_space_in_a_domain():
     for name in suite.names():
         task = suite.load(name)
         env = task.make(1, 0)
-        space = (env.observation_size, env.actions, env.repeat, task.domain_heads, task.learner)
+        space = (env.observation_size, env.actions, task.domain_heads, task.learner)
         spaces.setdefault(task.domain, set()).add(space)
     assert all(len(found) == 1 for found in spaces.values())
 
