@@ -12,7 +12,7 @@ setup: $(READY)
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev]'
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev,maze]'
 	touch $@
 
 # The main job in a registry of its own, by the commands that a user types.
@@ -40,7 +40,7 @@ soak: $(READY)
 	$(BIN)/python tests/soak.py --share $(SHARE)
 
 bench: $(READY)
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev,bench]'
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev,maze,bench]'
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
 
 clean:

@@ -23,7 +23,7 @@ def engine_steps(task: str, lanes: int, seconds: float) -> float:
     """Steps a second of all lanes together."""
     env = suite.load(task).make(lanes, 0)
     rng = np.random.default_rng(0)
-    actions = rng.integers(env.actions, size=(64, lanes))
+    actions = rng.integers(env.actions.size, size=(64, lanes))
     heads = rng.integers(len(suite.load(task).domain_heads), size=(64, lanes))
 
     def run(i: int) -> int:

@@ -70,7 +70,7 @@ class Lanes(VecEnv):
         super().__init__(
             lanes,
             gymnasium.spaces.Box(-1, 1, (size,), np.float32),
-            gymnasium.spaces.Discrete(self._engine.actions),
+            gymnasium.spaces.Discrete(self._engine.actions.size),
         )
 
     def _observation(self) -> Floats:

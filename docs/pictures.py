@@ -1,13 +1,16 @@
-"""Draws one layout of each MiniGrid task into docs/<task>.png, by MiniGrid's own renderer.
+"""Draws one layout of each task into docs/<task>.png, by its Gymnasium environment.
 
 python docs/pictures.py
 """
 
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
-from paddlectl.tasks import suite
+from paddlectl.tasks.maze2d import layouts as maze2d
+from paddlectl.tasks.maze2d.env import PaddleMazeEnv
+from paddlectl.tasks.minigrid import layouts as minigrid
 from paddlectl.tasks.minigrid.env import PaddleEnv
 
 FOLDER = Path(__file__).parent
@@ -16,11 +19,16 @@ TILE = 20  # pixels
 
 
 def main() -> None:
-    for name in suite.names():
-        env = PaddleEnv(name, render_mode="rgb_array", tile_size=TILE, highlight=False)
-        env.reset(seed=LAYOUT)
-        picture = Image.fromarray(env.render())
-        picture.quantize(64).save(FOLDER / f"{name}.png", optimize=True)
+    for name in minigrid.SPECS:
+        draw(name, PaddleEnv(name, render_mode="rgb_array", tile_size=TILE, highlight=False))
+    for name in maze2d.SPECS:
+        draw(name, PaddleMazeEnv(name, render_mode="rgb_array"))
+
+
+def draw(name: str, env: Any) -> None:
+    env.reset(seed=LAYOUT)
+    picture = Image.fromarray(env.render())
+    picture.quantize(64).save(FOLDER / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import numpy as np
 from paddlectl.hybrid.rollout import LEVELS
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.atoms import Predicate
-from paddlectl.tasks.base import Step, Task, Vocabulary
+from paddlectl.tasks.base import Actions, Step, Task, Vocabulary
 
 LEFT, STAY, RIGHT = range(3)
 FAR = Predicate("far", 0)()
@@ -29,12 +29,13 @@ class Corridor:
     """
 
     observation_size = 2 + len(DOMAIN_HEADS)
-    actions = 3
+    actions = Actions(3)
+    repeat = 1
 
     def __init__(self, lanes: int, seed: int) -> None:
         self.lanes = lanes
         self._next = 1000 * seed
-        self.layout, self.place, self.age = np.zeros((3, lanes), np.intp)
+        self.layout, self.place, self.t = np.zeros((3, lanes), np.intp)
         self.paid = np.zeros(lanes, np.bool_)
         self.reset()
 
@@ -43,17 +44,17 @@ class Corridor:
         self.layout[chosen] = self._next + np.arange(len(chosen))
         self._next += len(chosen)
         self.place[chosen] = 0
-        self.age[chosen] = 0
+        self.t[chosen] = 0
         self.paid[chosen] = False
 
     def step(self, actions):
         self.place = np.maximum(self.place + actions - STAY, 0)
-        self.age += 1
+        self.t += 1
         solved = self._at_end()
         milestone = (self.place == 2) & ~self.paid
         self.paid |= milestone
         score = np.where(solved, 0.5 + (self.layout % 100) / 200, 0.0).astype(np.float32)
-        return Step(0.1 * milestone + score, score, solved, (self.age >= HORIZON) & ~solved)
+        return Step(0.1 * milestone + score, score, solved, (self.t >= HORIZON) & ~solved)
 
     def _at_end(self):
         return (self.place == 5 + self.layout % 3) & (self.layout % 10 != 9)
@@ -106,6 +107,9 @@ class ByScript:
         pass
 
     def frozen(self):
+        return self
+
+    def guide(self):
         return self
 
     def state(self):

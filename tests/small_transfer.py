@@ -4,20 +4,22 @@ python small_transfer.py REGISTRY MODE SEED POLICY... prints the SHA-256 of the 
 """
 
 import sys
-from functools import partial
 from typing import Any
 
 from paddlectl.experiments import sources, transfers
 from paddlectl.experiments.jobs import TransferJob
-from paddlectl.hybrid.policy import HybridSettings
-from paddlectl.learners.ppo import PPOSettings
+from paddlectl.hybrid.policy import settings_for
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Guidance, Scenario
 
 FRAMES = 8192
 TARGET = "BlockedBoxUnlockPickup"
 CHANGES = (
-    (transfers, "HybridSettings", partial(HybridSettings, lanes=8, low_level=PPOSettings(epochs=1))),
+    (
+        transfers,
+        "settings_for",
+        lambda task, *changes: settings_for(task, *changes, {"lanes": 8, "low_level": {"epochs": 1}}),
+    ),
     (transfers, "WINDOW", 10),
     (sources, "EVALUATION_EPISODES", 8),
 )

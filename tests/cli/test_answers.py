@@ -76,7 +76,7 @@ def test_one_weight_leaves_the_rest_to_the_other(registry: Registry, command: Co
 
 def test_tasks(command: Command) -> None:
     tasks = command("tasks", "--json").json["tasks"]
-    assert len(tasks) == 7
+    assert len(tasks) == 10
     assert all(
         list(task) == ["name", "domain", "horizon", "heads", "vocabulary", "summary"] for task in tasks
     )

@@ -11,6 +11,7 @@ from paddlectl.logic.templates import scenes
 from paddlectl.tasks import suite
 from paddlectl.tasks.minigrid.layouts import SPECS, Layouts, draw_layouts
 from planner import World, shortest_plan
+from walker import Walker
 
 LANES = 64
 TASKS = pytest.mark.parametrize("name", suite.names())
@@ -36,12 +37,25 @@ def heads_of(env, head: int) -> np.ndarray:
     return np.full(env.lanes, head)
 
 
+class AtRandom:
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+
+    def act(self, env) -> np.ndarray:
+        return env.actions.sample(self._rng, env.lanes)
+
+
+# who plays a domain such that much of it is seen
+PLAYERS = {"minigrid": AtRandom, "maze2d": lambda rng: Walker(rng=rng)}
+
+
 def play(name: str, seed: int = 0, steps: int = 400):
-    """A random rollout: (environment after the step, actions, step), finished lanes restarted afterwards."""
-    env = suite.load(name).make(LANES, seed)
-    rng = np.random.default_rng(seed)
-    for _ in range(steps):
-        actions = rng.integers(env.actions, size=LANES)
+    """A rollout: (environment after the step, actions, step), finished lanes restarted afterwards."""
+    task = suite.load(name)
+    env = task.make(LANES, seed)
+    player = PLAYERS[task.domain](np.random.default_rng(seed))
+    for _ in range(2 * steps // (1 + env.repeat)):
+        actions = player.act(env)
         step = env.step(actions)
         yield env, actions, step
         env.reset(step.terminated | step.truncated)
@@ -54,7 +68,7 @@ def test_spaces(name):
     assert (task.name, env.lanes) == (name, 5)
     assert set(task.heads) <= set(task.domain_heads)
     assert len(set(task.vocabulary.atoms)) == len(task.vocabulary.atoms)
-    step = env.step(np.zeros(5, dtype=np.intp))
+    step = env.step(env.actions.sample(np.random.default_rng(0), 5))
     heads = heads_of(env, 0)
     shapes = {
         "reward": (step.reward, np.float32, (5,)),
@@ -63,6 +77,7 @@ def test_spaces(name):
         "truncated": (step.truncated, np.bool_, (5,)),
         "valuation": (env.valuation(), np.bool_, (5, len(task.vocabulary.atoms))),
         "observation": (env.observe(heads), np.float32, (5, env.observation_size)),
+        "t": (env.t, np.intp, (5,)),
         "reached": (env.reached(heads), np.bool_, (5,)),
         "available": (env.available(heads), np.bool_, (5,)),
     }
@@ -75,7 +90,8 @@ def test_one_observation_and_action_space_in_a_domain():
     for name in suite.names():
         task = suite.load(name)
         env = task.make(1, 0)
-        spaces.setdefault(task.domain, set()).add((env.observation_size, env.actions, task.domain_heads))
+        space = (env.observation_size, env.actions, task.domain_heads, task.learner)
+        spaces.setdefault(task.domain, set()).add(space)
     assert all(len(found) == 1 for found in spaces.values())
 
 
@@ -113,7 +129,7 @@ def test_every_head_can_be_reached(name):
     rng = np.random.default_rng(0)
     last = max(map(len, plans))
     for t in range(last + 2000):
-        actions = rng.integers(env.actions, size=LANES)
+        actions = env.actions.sample(rng, LANES)
         for lane, plan in enumerate(plans):
             actions[lane] = plan[t] if t < len(plan) else actions[lane]
         before = {head: env.available(heads_of(env, head)) for head in wanted}
@@ -124,6 +140,17 @@ def test_every_head_can_be_reached(name):
         if t >= last:
             env.reset(None if t == last else step.terminated | step.truncated)
     raise AssertionError([str(task.domain_heads[head]) for head in wanted])
+
+
+@TASKS
+def test_time_counts_the_steps_since_the_start(name):
+    lived = np.zeros(LANES, np.intp)
+    for env, _, step in play(name, steps=700):
+        lasted = env.t - lived
+        done = step.terminated | step.truncated
+        assert ((lasted == env.repeat) | (done & (lasted > 0) & (lasted < env.repeat))).all()
+        assert (env.t[step.truncated] == suite.load(name).horizon).all()
+        lived = np.where(done, 0, env.t)
 
 
 @TASKS
@@ -175,8 +202,8 @@ def test_equal_seeds_give_equal_trajectories(name):
         env = suite.load(name).make(LANES, seed)
         rng = np.random.default_rng(actions_seed)
         trace = []
-        for _ in range(330):
-            step = env.step(rng.integers(env.actions, size=LANES))
+        for _ in range(660 // (1 + env.repeat)):
+            step = env.step(env.actions.sample(rng, LANES))
             env.reset(step.terminated | step.truncated)
             trace += [
                 step.reward.tobytes(),

@@ -352,7 +352,7 @@ def test_a_transfer_is_a_function_of_its_seed(mode):
 
 @pytest.mark.parametrize("mode", ["paper", "default"])
 def test_sources_stay_as_they_are(mode):
-    actor = PPO(Corridor.observation_size, Corridor.actions, 8)
+    actor = PPO(Corridor.observation_size, Corridor.actions.size, 8)
     before = {name: tensor.clone() for name, tensor in actor.state().items()}
     learn(mode, 0, actor=actor, frames=256)
     assert all(torch.equal(before[name], tensor) for name, tensor in actor.state().items())

@@ -4,7 +4,6 @@ import dataclasses
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 from unittest import mock
 
@@ -12,13 +11,14 @@ from paddlectl.experiments import sources, transfers
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.sources import random_source, train_source
-from paddlectl.hybrid.policy import HybridSettings
-from paddlectl.learners.ppo import PPOSettings
+from paddlectl.hybrid.policy import HybridSettings, settings_for
 from paddlectl.registry.store import Registry
+from paddlectl.tasks.base import Task
 from small_transfer import CHANGES, job
 
-KINDS = ("train", "paddle default", "paddle paper", "hdm")
+KINDS = ("train", "train maze", "paddle default", "paddle paper", "hdm")
 FRAMES, ROUNDS = 3072, 12
+SMALL = {"ppo": {"epochs": 1}, "td3": {"warm_up": 100}}
 TIME = {"seconds", "created", "finished", "resumes"}
 
 
@@ -29,8 +29,11 @@ def quiet(_: Any) -> None:
 @contextmanager
 def small() -> Iterator[None]:
     """Eight lanes and one epoch, so that a round takes a tenth of a second."""
-    few = partial(HybridSettings, lanes=8, low_level=PPOSettings(epochs=1))
-    with mock.patch.object(sources, "HybridSettings", few):
+
+    def few(task: Task, *changes: Any) -> HybridSettings:
+        return settings_for(task, *changes, {"lanes": 8, "low_level": SMALL[task.learner]})
+
+    with mock.patch.object(sources, "settings_for", few):
         patches = [mock.patch.object(module, name, value) for module, name, value in CHANGES]
         for patch in patches:
             patch.start()
@@ -50,6 +53,8 @@ def add_sources(registry: Registry) -> None:
 def begin(kind: str, registry: Registry, pace: Pace) -> dict[str, Any]:
     if kind == "train":
         return train_source(TrainJob("GapBall", 0, FRAMES), registry, quiet, pace)
+    if kind == "train maze":  # 8 lanes, 8 actions a round, 20 steps an action
+        return train_source(TrainJob("CoffeeMaze", 0, ROUNDS * 8 * 8 * 20), registry, quiet, pace)
     method, _, mode = kind.partition(" ")
     policies = ("policy-1", "policy-2")
     return transfers.run_transfer(

@@ -91,7 +91,7 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
     if not found:
         raise NotFoundError(
             f"no policy of another {target.domain} task in {registry.shown}",
-            "run: paddlectl train BoxDoor",
+            f"run: paddlectl train {_another(target)}",
         )
     for policy in found:
         if policy.domain != target.domain:
@@ -99,6 +99,13 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
                 f"{policy.id} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}"
             )
     return list({policy.id: policy for policy in found}.values())
+
+
+def _another(target: "Task") -> str:
+    """The last other task of the domain."""
+    from paddlectl.tasks.suite import load, names
+
+    return [n for n in names() if n != target.name and load(n).domain == target.domain][-1]
 
 
 def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":

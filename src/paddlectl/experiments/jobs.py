@@ -10,11 +10,17 @@ from paddlectl.transfer.guidance import GuidanceSettings
 
 @dataclass(frozen=True)
 class TrainJob:
-    """Learn one source; `frames` None is the usual budget."""
+    """Learn one source.
+
+    Attributes:
+        frames: None is the usual budget.
+        hybrid: What shall differ from the settings that fit the task, as `{"credit": {"planned": False}}`.
+    """
 
     task: str
     seed: int
     frames: int | None = None
+    hybrid: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -23,8 +29,8 @@ class TransferJob:
 
     Attributes:
         rules: Of `guidance: default`; nothing to `paper`.
-        hybrid: What shall differ from `HybridSettings`, as `{"credit": {"planned": False}}`. Not the shape of
-            the networks: a kept policy is revived with the usual one.
+        hybrid: As for a `TrainJob`. Not the shape of the networks: a kept policy is revived with
+            the usual one.
     """
 
     scenario: Scenario

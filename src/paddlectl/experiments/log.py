@@ -4,7 +4,7 @@ import platform
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.metadata import version
+from importlib.metadata import distributions, version
 from typing import Any
 
 import numpy as np
@@ -108,12 +108,13 @@ def curve_figures(episodes: Sequence[Episode], frames: int) -> dict[str, float]:
 
 def versions() -> dict[str, str]:
     """What a run depends on: equal seeds give equal results where these are equal."""
-    packages = ("paddlectl", "torch", "numpy", "gymnasium", "minigrid")
+    packages = ("paddlectl", "torch", "numpy", "gymnasium", "minigrid", "gymnasium-robotics", "mujoco")
+    installed = {distribution.name for distribution in distributions()}
     return {
         "python": platform.python_version(),
         "platform": platform.platform(),
         "threads": "1",
-        **{package: version(package) for package in packages},
+        **{package: version(package) for package in packages if package in installed},
     }
 
 

@@ -44,8 +44,9 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
     """
     told = run.settings
     try:
+        hybrid = _as_begun(told["hybrid"])
         if run.kind == "train":
-            return TrainJob(run.task, run.seed, told["frames"])
+            return TrainJob(run.task, run.seed, told["frames"], hybrid)
         return TransferJob(
             scenario=Scenario.model_validate_json(json.dumps(told["scenario"])),
             sources=run.sources,
@@ -53,10 +54,17 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
             seed=run.seed,
             frames=told["frames"],
             rules=GuidanceSettings(**told["guidance"]),
-            hybrid=told["hybrid"],
+            hybrid=hybrid,
         )
     except (KeyError, TypeError, ValueError) as error:
         raise IntegrityError(
             f"the settings of {run.id} aren't what this version writes: {str(error)[:100]}",
             "go on with the version of paddlectl that the run began with",
         ) from error
+
+
+def _as_begun(told: Any) -> Any:
+    """Settings as they were before they became JSON, which has no tuples."""
+    if isinstance(told, dict):
+        return {name: _as_begun(value) for name, value in told.items()}
+    return tuple(map(_as_begun, told)) if isinstance(told, list) else told

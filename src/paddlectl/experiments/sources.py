@@ -13,15 +13,12 @@ from paddlectl.experiments.jobs import Progress, TrainJob
 from paddlectl.experiments.log import RunLog, recorded, versions
 from paddlectl.experiments.pace import Pace
 from paddlectl.hybrid import training
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.hybrid.policy import HybridPolicy, settings_for
 from paddlectl.hybrid.rollout import Episode
 from paddlectl.logic.syntax import format_program
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
-
-FRAMES = 130_000
-"""Frames of a source's training. The learning rate falls to its end, so there is no stopping early."""
 
 RECENT = 500
 """Episodes that the crispness shown meanwhile is over."""
@@ -45,8 +42,8 @@ def train_source(
         A row of `train --json`.
     """
     task = load(job.task)
-    settings = HybridSettings()
-    frames = job.frames or FRAMES
+    settings = settings_for(task, job.hybrid)
+    frames = job.frames or settings.frames
     pace = pace or Pace()
     run = pace.begin(
         registry,
@@ -89,7 +86,7 @@ def random_source(task: str, seed: int, registry: Registry) -> PolicyRecord:
 
     Its method is `random`. It is the best policy of its task only while no other solves more.
     """
-    settings = HybridSettings()
+    settings = settings_for(load(task))
     run = registry.add_run(
         kind="train",
         method="random",
@@ -160,7 +157,8 @@ def revive(registry: Registry, record: PolicyRecord) -> HybridPolicy:
     Raises:
         IntegrityError: If the checkpoint isn't what was stored, or of another shape than its task asks for.
     """
-    policy = HybridPolicy(load(record.task), record.seed, HybridSettings())
+    task = load(record.task)
+    policy = HybridPolicy(task, record.seed, settings_for(task))
     try:
         policy.load(safetensors.torch.load(registry.read_checkpoint(record)))
     except (RuntimeError, KeyError, safetensors.SafetensorError) as error:

@@ -1,7 +1,7 @@
 """Running a scenario: PADDLE from its sources, or the hybrid model from scratch."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from paddlectl.experiments.log import WINDOW, curve_figures, recorded, versions
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.sources import keep, revive
 from paddlectl.hybrid import training
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.hybrid.policy import HybridPolicy, settings_for
 from paddlectl.hybrid.rollout import Episode
 from paddlectl.hybrid.training import Learning, Round
 from paddlectl.logic.clauses import Scene, scenes_of
@@ -20,10 +20,12 @@ from paddlectl.logic.syntax import parse_program
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Similarity
+from paddlectl.tasks.base import Task
 from paddlectl.tasks.suite import load
 from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.account import Account
 from paddlectl.transfer.documents import mapping_document
+from paddlectl.transfer.guidance import GuidanceSettings
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
 
@@ -42,9 +44,8 @@ def run_transfer(
         A row of `transfer --json`.
     """
     task = load(job.scenario.target)
-    settings: HybridSettings = _changed(HybridSettings(), job.hybrid)
-    if job.scenario.guidance.mode == "paper":
-        settings = _changed(settings, {"decisions": {"patience": 1.0}})
+    paper = {"decisions": {"patience": 1.0}} if job.scenario.guidance.mode == "paper" else {}
+    settings = settings_for(task, job.hybrid, paper)
     pace = pace or Pace()
     run = pace.begin(
         registry,
@@ -59,7 +60,7 @@ def run_transfer(
                 "frames": job.frames,
                 "scenario": job.scenario.model_dump(mode="json"),
                 "hybrid": dataclasses.asdict(settings),
-                "guidance": dataclasses.asdict(job.rules),
+                "guidance": dataclasses.asdict(_rules(job, task)),
             },
             versions=versions(),
         ),
@@ -93,13 +94,9 @@ def run_transfer(
     }
 
 
-def _changed(settings: Any, changes: Mapping[str, Any]) -> Any:
-    """A copy of a settings dataclass with other values, also in the settings within it."""
-    values = {
-        name: _changed(getattr(settings, name), value) if isinstance(value, Mapping) else value
-        for name, value in changes.items()
-    }
-    return dataclasses.replace(settings, **values)
+def _rules(job: TransferJob, task: Task) -> GuidanceSettings:
+    """The job's rules, with what the task has other needs for."""
+    return dataclasses.replace(job.rules, **task.guidance)
 
 
 def _guided(
@@ -115,8 +112,9 @@ def _guided(
     if job.scenario.guidance.mode == "paper":
         chooser: guides.GuideChooser = guides.PaperGuides(target, candidates, lanes, rng)
     else:
-        chooser = guides.PlannedGuides(target, candidates, lanes, rng, job.rules)
-        _inherit(target, guides.most_similar(sources, mapping), job.rules.inheritance)
+        rules = _rules(job, target.task)
+        chooser = guides.PlannedGuides(target, candidates, lanes, rng, rules)
+        _inherit(target, guides.most_similar(sources, mapping), rules.inheritance)
     learning = paddle.learn(target, sources, chooser, job.seed, job.frames)
     return learning, _RunAccount(registry, run.id, chooser, Account(chooser, sources), job.frames)
 

@@ -1,16 +1,19 @@
 """The hybrid decision model: a logic program picks a subgoal, a learner reaches it."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import torch
 
 from paddlectl.hybrid.credit import Credit, CreditSettings, credit
 from paddlectl.hybrid.rollout import LEVELS, DecisionSettings
-from paddlectl.learners.base import Learner
+from paddlectl.learners.base import Learner, LearnerSettings
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseLearner, ClauseSettings
-from paddlectl.learners.ppo import PPO, PPOSettings
+from paddlectl.learners.ppo import PPOSettings
+from paddlectl.learners.td3 import TD3Settings
 from paddlectl.logic.clauses import Clause, Program
 from paddlectl.logic.templates import scenes
 from paddlectl.tasks.base import Floats, Ints, Task
@@ -21,19 +24,41 @@ class HybridSettings:
     """Every number of the hybrid model.
 
     Attributes:
+        frames: Of a source's training. PPO's learning rate falls to its end, so there is no stopping early.
         lanes: Environments side by side.
         block: Steps of every lane between two updates. Twice as many updates of half the samples cost the
             same and learn faster.
         sharpness: Power of the head probabilities when a learned program is played.
     """
 
+    frames: int = 130_000
     lanes: int = 64
     block: int = 32
     sharpness: float = 3.0
     credit: CreditSettings = field(default_factory=CreditSettings)
     clauses: ClauseSettings = field(default_factory=ClauseSettings)
-    low_level: PPOSettings = field(default_factory=PPOSettings)
+    low_level: LearnerSettings = field(default_factory=PPOSettings)
     decisions: DecisionSettings = field(default_factory=DecisionSettings)
+
+
+LOW_LEVELS: Mapping[str, type[LearnerSettings]] = {"ppo": PPOSettings, "td3": TD3Settings}
+
+
+def settings_for(task: Task, *changes: Mapping[str, Any]) -> HybridSettings:
+    """The usual settings with those of the task and then with `changes`, `{"credit": {"planned": False}}`."""
+    settings = HybridSettings(low_level=LOW_LEVELS[task.learner]())
+    for wanted in (task.settings, *changes):
+        settings = _changed(settings, wanted)
+    return settings
+
+
+def _changed(settings: Any, changes: Mapping[str, Any]) -> Any:
+    """A copy of a settings dataclass with other values, also in the settings within it."""
+    values = {
+        name: _changed(getattr(settings, name), value) if isinstance(value, Mapping) else value
+        for name, value in changes.items()
+    }
+    return replace(settings, **values)
 
 
 class HybridPolicy:
@@ -51,8 +76,8 @@ class HybridPolicy:
             seed,
             settings.clauses,
         )
-        self.low_level: Learner = PPO(
-            environment.observation_size, environment.actions, seed, settings.low_level
+        self.low_level: Learner = settings.low_level.learner(
+            environment.observation_size, environment.actions.size, seed
         )
 
     def program(self, visited: Ints | None = None, threshold: float = 0.0) -> Program:

@@ -7,7 +7,7 @@ subgoal that has nothing to act on, or holds already, is given up after one step
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ class DecisionSettings:
         max_steps: Most environment steps of one decision.
         patience: Share of them that a guide gets. It knows its way: what it hasn't reached by then it hardly
             ever will, and a wrong guess costs less.
+        reward_unit: Extrinsic rewards are counted in it, so that returns lie in about [0, 1].
         reached_reward: Intrinsic reward for reaching the subgoal at once …
         delay_cost: … less this, times the share of `max_steps` that was used.
         failed_reward: Intrinsic reward when a decision ends in any other way.
@@ -39,6 +40,7 @@ class DecisionSettings:
 
     max_steps: int = 50
     patience: float = 0.3
+    reward_unit: float = 1.0
     reached_reward: float = 1.0
     delay_cost: float = 0.5
     failed_reward: float = -0.1
@@ -176,6 +178,7 @@ class Rollout:
         self._witnesses = witnesses
         self._head = np.zeros(lanes, np.intp)
         self._guide = np.zeros(lanes, np.intp)
+        self._since = np.zeros(lanes, np.intp)
         self._steps = np.zeros(lanes, np.intp)
         self._limit = np.zeros(lanes, np.intp)
         self._reward = np.zeros(lanes, np.float32)
@@ -183,7 +186,6 @@ class Rollout:
         self._pending = np.ones(lanes, np.bool_)
         self._order = np.arange(lanes)
         self._started = np.zeros(lanes, np.intp)
-        self._length = np.zeros(lanes, np.intp)
         self._count = np.zeros(lanes, np.intp)
         self._history = Decisions.empty(lanes, horizon)
         self._scene = reader.scenes(environment.valuation())
@@ -212,11 +214,11 @@ class Rollout:
         patience = np.where(self._guide == TARGET, most, int(self._settings.patience * most))
         limit = np.where(self.environment.available(self._head), patience, 1)
         self._limit = np.where(self._pending, limit, self._limit)
-        self._steps[lanes] = 0
+        self._since[lanes] = self.environment.t[lanes]
         self._reward[lanes] = 0.0
         self._pending[:] = False
 
-    def _act(self, observations: Floats, actions: NDArray[np.int64], log_probs: Floats) -> None:
+    def _act(self, observations: Floats, actions: NDArray[Any], log_probs: Floats) -> None:
         for number, actor in enumerate(self._actors):
             led = self._guide == number
             if led.all():
@@ -226,11 +228,11 @@ class Rollout:
 
     def _step(self, buffer: RolloutBuffer, t: int) -> Iterator[Episode]:
         settings = self._settings
+        before = self.environment.t.sum()
         step = self.environment.step(self.environment.in_world(self._head, buffer.actions[t]))
-        self.frames += self.environment.lanes
-        self._steps += 1
-        self._length += 1
-        self._reward += step.reward
+        self.frames += int(self.environment.t.sum() - before)
+        self._steps = self.environment.t - self._since
+        self._reward += step.reward / np.float32(settings.reward_unit)
         done = step.terminated | step.truncated
         scene = self._reader.scenes(self.environment.valuation())
         reached = self.environment.reached(self._head) & (self._limit > 1)
@@ -239,6 +241,7 @@ class Rollout:
         buffer.rewards[t] = np.where(reached, prompt, np.where(ends, settings.failed_reward, 0.0))
         buffer.ends[t] = ends
         buffer.reached[t] = reached
+        buffer.done[t] = done
         self._record(np.flatnonzero(ends), reached, done, scene)
         self._pending = ends
         self._scene = scene
@@ -281,7 +284,7 @@ class Rollout:
                 int(self._started[lane]),
                 self.frames,
                 float(score[lane]),
-                int(self._length[lane]),
+                int(self.environment.t[lane]),
                 self._history.of_lane(int(lane), int(self._count[lane])),
             )
             for lane in lanes
@@ -290,7 +293,6 @@ class Rollout:
         self._scene = self._reader.scenes(self.environment.valuation())
         self._order[lanes] = self._order.max() + 1 + np.arange(len(lanes))
         self._started[lanes] = self.frames
-        self._length[lanes] = 0
         self._count[lanes] = 0
         self._level[lanes] = 0
         return iter(episodes)

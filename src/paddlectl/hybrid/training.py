@@ -12,7 +12,7 @@ from paddlectl.hybrid.rollout import Chooser, Episode, Rollout, Witness
 from paddlectl.learners.base import Actor
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.clauses import Program
-from paddlectl.tasks.base import Bools, Ints, Task
+from paddlectl.tasks.base import Bools, Environment, Ints, Task
 
 ON_PATH = 0.05
 """A scene is on a policy's path if at least this share of its episodes come through it."""
@@ -132,8 +132,8 @@ def learn(
         settings.decisions,
         [*witnesses, credit],
     )
-    buffer = RolloutBuffer.empty(settings.block, settings.lanes, environment.observation_size)
-    rounds = max(1, frames // (settings.block * settings.lanes))
+    buffer = _buffer(settings.block, environment)
+    rounds = max(1, frames // (settings.block * settings.lanes * environment.repeat))
     return Learning(policy, chooser, rollout, credit, buffer, frames, rounds)
 
 
@@ -153,7 +153,7 @@ def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Eval
         [policy.low_level.frozen()],
         policy.settings.decisions,
     )
-    buffer = RolloutBuffer.empty(32, episodes, environment.observation_size)
+    buffer = _buffer(32, environment)
     played: list[Episode] = []
     while len(played) < episodes:
         played += [episode for episode in rollout.collect(buffer) if episode.order < episodes]
@@ -165,6 +165,13 @@ def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Eval
         float(np.mean([e.length for e in played])),
         policy.program(np.flatnonzero(visits), EXECUTED),
         crispness(policy, visits / episodes),
+    )
+
+
+def _buffer(steps: int, environment: Environment) -> RolloutBuffer:
+    actions = environment.actions
+    return RolloutBuffer.empty(
+        steps, environment.lanes, environment.observation_size, actions.shape, actions.dtype
     )
 
 

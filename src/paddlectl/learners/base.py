@@ -13,7 +13,7 @@ class Actor(Protocol):
     """Acts, and can't learn from it."""
 
     def act(self, observations: NDArray[np.float32]) -> tuple[NDArray[Any], NDArray[np.float32]]:
-        """Samples actions [B] and their log-probabilities [B] for observations [B, D]."""
+        """Actions [B, ...] for observations [B, D], and their log-probabilities [B]: 0 if they have none."""
 
 
 class Learner(Actor, Protocol):
@@ -28,6 +28,9 @@ class Learner(Actor, Protocol):
     def frozen(self) -> Actor:
         """The same actor once it has learned: it explores less."""
 
+    def guide(self) -> Actor:
+        """The same actor as it leads another policy."""
+
     def state(self) -> dict[str, torch.Tensor]:
         """The networks' tensors by name."""
 
@@ -36,3 +39,16 @@ class Learner(Actor, Protocol):
 
     def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
         """Starts from another's tensors, its preferences weakened to a share of them so that it explores."""
+
+
+class LearnerSettings(Protocol):
+    """The numbers of a learner, and how to make one of them."""
+
+    def learner(self, observation_size: int, actions: int, seed: int) -> Learner:
+        """A new learner.
+
+        Args:
+            observation_size: Numbers in an observation.
+            actions: To choose from, or numbers in one.
+            seed: Of its networks and its draws.
+        """

@@ -1,6 +1,7 @@
 """One preallocated block of low-level experience, B lanes by T steps."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,34 +19,44 @@ class RolloutBuffer:
 
     Attributes:
         observations: [T, B, D]
-        actions: [T, B]
+        actions: [T, B, ...]
         log_probs: Of the acting policy. [T, B]
         rewards: Intrinsic. [T, B]
         ends: The decision ended with this step. [T, B]
         reached: The decision ended with this step by reaching its subgoal. [T, B]
+        done: The episode ended with this step. [T, B]
         guides: Who acted: TARGET or a source's number. [T, B]
         last_observations: After the last step, under the decision then running. [B, D]
     """
 
     observations: NDArray[np.float32]
-    actions: NDArray[np.int64]
+    actions: NDArray[Any]
     log_probs: NDArray[np.float32]
     rewards: NDArray[np.float32]
     ends: NDArray[np.bool_]
     reached: NDArray[np.bool_]
+    done: NDArray[np.bool_]
     guides: NDArray[np.intp]
     last_observations: NDArray[np.float32]
 
     @classmethod
-    def empty(cls, steps: int, lanes: int, observation_size: int) -> "RolloutBuffer":
+    def empty(
+        cls,
+        steps: int,
+        lanes: int,
+        observation_size: int,
+        action_shape: tuple[int, ...] = (),
+        action_dtype: type[np.generic] = np.int64,
+    ) -> "RolloutBuffer":
         shape = (steps, lanes)
         return cls(
             observations=np.zeros((*shape, observation_size), np.float32),
-            actions=np.zeros(shape, np.int64),
+            actions=np.zeros((*shape, *action_shape), action_dtype),
             log_probs=np.zeros(shape, np.float32),
             rewards=np.zeros(shape, np.float32),
             ends=np.zeros(shape, np.bool_),
             reached=np.zeros(shape, np.bool_),
+            done=np.zeros(shape, np.bool_),
             guides=np.zeros(shape, np.intp),
             last_observations=np.zeros((lanes, observation_size), np.float32),
         )

@@ -47,6 +47,10 @@ class PPOSettings:
     clone_coef: float = 0.5
     sharpness: float = 2.0
 
+    def learner(self, observation_size: int, actions: int, seed: int) -> "PPO":
+        """A new learner with these settings."""
+        return PPO(observation_size, actions, seed, self)
+
 
 class FrozenPPO(NamedTuple):
     """An actor that doesn't learn."""
@@ -84,6 +88,10 @@ class PPO:
     def frozen(self) -> "FrozenPPO":
         """The same actor once it has learned: it explores less."""
         return FrozenPPO(partial(self._sample, sharpness=self.settings.sharpness))
+
+    def guide(self) -> "PPO":
+        """The same actor as it leads another policy: as it learned, so that it hardly gets stuck."""
+        return self
 
     @torch.no_grad()
     def _sample(

@@ -1,8 +1,8 @@
 """What a task is to the rest of the house: symbols, subgoals, and a batch of environments."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,34 @@ class Vocabulary:
     exclusions: tuple[frozenset[Literal], ...] = ()
 
 
+@dataclass(frozen=True)
+class Actions:
+    """What one lane takes in a step.
+
+    Attributes:
+        size: How many actions there are to choose from; of a continuous one, how many numbers in [-1, 1]
+            it consists of.
+    """
+
+    size: int
+    continuous: bool = False
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of one action."""
+        return (self.size,) if self.continuous else ()
+
+    @property
+    def dtype(self) -> type[np.generic]:
+        return np.float32 if self.continuous else np.int64
+
+    def sample(self, rng: np.random.Generator, lanes: int) -> NDArray[Any]:
+        """An action for each lane, uniformly. [B, ...]"""
+        if self.continuous:
+            return rng.uniform(-1.0, 1.0, (lanes, self.size)).astype(np.float32)
+        return rng.integers(self.size, size=lanes)
+
+
 class Step(NamedTuple):
     """One step of all lanes.
 
@@ -47,17 +75,26 @@ class Environment(Protocol):
     """B lanes of one task, stepped together. A finished lane stays as it is until `reset`.
 
     Heads are given as indices into `Task.domain_heads`, one a lane. [B]
+
+    Attributes:
+        lanes: B.
+        observation_size: D.
+        actions: What `step` takes of each lane.
+        repeat: Steps of the task that one action lasts, unless the episode ends before.
+        t: Steps of the task since each lane's start. [B]
     """
 
     lanes: int
     observation_size: int
-    actions: int
+    actions: Actions
+    repeat: int
+    t: Ints
 
     def reset(self, lanes: Bools | None = None) -> None:
         """Draws new layouts for the masked lanes; for all if None. [B]"""
 
-    def step(self, actions: Ints) -> Step:
-        """Applies one action a lane. [B]"""
+    def step(self, actions: NDArray[Any]) -> Step:
+        """Applies one action a lane. [B, ...]"""
 
     def valuation(self) -> Bools:
         """E(s): the truth of every atom of the vocabulary, in its order. [B, P]"""
@@ -65,8 +102,8 @@ class Environment(Protocol):
     def observe(self, heads: Ints) -> Floats:
         """What the low level sees: the state mapped by each lane's subgoal, in a frame of its own. [B, D]"""
 
-    def in_world(self, heads: Ints, actions: Ints) -> Ints:
-        """Actions chosen by what `observe` shows, as `step` takes them. [B]"""
+    def in_world(self, heads: Ints, actions: NDArray[Any]) -> NDArray[Any]:
+        """Actions chosen by what `observe` shows, as `step` takes them. [B, ...]"""
 
     def reached(self, heads: Ints) -> Bools:
         """Whether each lane's subgoal holds in the present state. [B]"""
@@ -91,6 +128,9 @@ class Task:
         heads: The subgoals that its programs may name.
         domain_heads: All subgoals of the domain; fixes the order of the one-hot in observations.
         make: `make(lanes, seed)` gives a reset environment; equal seeds give equal layouts.
+        learner: Of the low level that fits its actions, `ppo` or `td3`.
+        guidance: Where guidance on it differs from `GuidanceSettings`.
+        settings: Where learning it differs from `HybridSettings`, as `{"decisions": {"max_steps": 500}}`.
     """
 
     name: str
@@ -101,3 +141,6 @@ class Task:
     heads: tuple[Atom, ...]
     domain_heads: tuple[Atom, ...]
     make: Callable[[int, int], Environment]
+    learner: str = "ppo"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    guidance: Mapping[str, Any] = field(default_factory=dict)

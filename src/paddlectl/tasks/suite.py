@@ -5,10 +5,14 @@ from importlib import import_module
 
 from paddlectl.errors import NotFoundError
 from paddlectl.tasks.base import Task
-from paddlectl.tasks.minigrid.layouts import SPECS
+from paddlectl.tasks.maze2d import layouts as maze2d
+from paddlectl.tasks.minigrid import layouts as minigrid
 
 # name -> "module:attribute" of a function that makes the task of that name
-TASKS: dict[str, str] = {name: "paddlectl.tasks.minigrid.engine:make_task" for name in SPECS}
+TASKS: dict[str, str] = {
+    **{name: "paddlectl.tasks.minigrid.engine:make_task" for name in minigrid.SPECS},
+    **{name: "paddlectl.tasks.maze2d.engine:make_task" for name in maze2d.SPECS},
+}
 
 
 def names() -> tuple[str, ...]:

@@ -20,5 +20,5 @@ def learn(
     block of steps the target learns from all of it (line 22). The sources stay as they are.
     """
     layouts = np.random.SeedSequence(seed).spawn(1)[0]
-    actors = [target.low_level, *(source.low_level for source in sources)]
+    actors = [target.low_level, *(source.low_level.guide() for source in sources)]
     return training.learn(target, chooser, actors, layouts, frames, [chooser])

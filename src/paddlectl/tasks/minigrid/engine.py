@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from paddlectl.tasks.base import Bools, Floats, Ints, Step, Task, Vocabulary
+from paddlectl.tasks.base import Actions, Bools, Floats, Ints, Step, Task, Vocabulary
 from paddlectl.tasks.minigrid import symbols
 from paddlectl.tasks.minigrid.grid import (
     ABSENT,
@@ -86,7 +86,8 @@ class Engine:
     """
 
     observation_size = OBSERVATION_SIZE
-    actions = ACTIONS
+    actions = Actions(ACTIONS)
+    repeat = 1
 
     def __init__(self, spec: Spec, lanes: int, seed: int, milestone_reward: float = 0.1) -> None:
         self.spec = spec

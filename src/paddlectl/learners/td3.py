@@ -1,0 +1,270 @@
+"""Twin delayed deep deterministic policy gradient (Fujimoto, van Hoof & Meger, 2018) for the low level."""
+
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from paddlectl.learners.buffers import TARGET, RolloutBuffer
+from paddlectl.learners.exploration import Errands
+from paddlectl.learners.networks import HIDDEN, GoalFeatures, gradient_step, mlp
+from paddlectl.learners.replay import Hindsight, Replay, Transitions
+
+Floats = NDArray[np.float32]
+
+OPTIMISERS = {"adam": torch.optim.Adam, "rmsprop": torch.optim.RMSprop}
+
+
+@dataclass(frozen=True)
+class TD3Settings:
+    """Table 1's values where it has them, the TD3 paper's for the others: the preset `paper`.
+
+    What stands below `capacity` is in neither and is off here; a task may ask for it.
+
+    Attributes:
+        learning_rate: Of both networks.
+        optimiser: `rmsprop` or `adam`.
+        discount: γ_l per action.
+        batch: Transitions a gradient step.
+        update_every: Actions between two updates.
+        policy_delay: Updates of the critics to one of the actor and of the slow copies.
+        policy_noise: Deviation of the noise on the target's action, cut at `noise_clip`.
+        noise_clip: See there.
+        exploration: Deviation of the noise on an action.
+        tracking: τ, by which the slow copies follow.
+        hidden: Units of each layer.
+        warm_up: Actions before the first update, at random unless something was inherited.
+        capacity: Transitions that are kept.
+        final_rate: Share of the learning rate that is left at the end of the budget; it falls in a straight
+            line.
+        normalised: Layers are normalised before their ReLU: what a critic makes of states that it has hardly
+            seen stays within bounds.
+        random_actions: Share of actions drawn at random, from none in the first lane to this in the last: one
+            goes a long way while another looks around. It falls to nothing over the budget.
+        errands: Share of the time on errands (`exploration.Errands`). It falls to nothing over the budget.
+        errand_steps: Actions that one lasts, on average.
+        goal_size: Numbers at the ends of an observation that say what is achieved and what is desired.
+        radius: Within which a goal is reached.
+        goal_reward: Of reaching it, as the decisions pay.
+        grid: Of the code of achieved and desired (`networks.GoalFeatures`).
+        hindsight: Share of the samples that are given a goal which their episode achieved later on.
+        other_goals: Share that is given the goal of another sample.
+        span: Actions that hindsight looks ahead at most.
+        lower_bound: A goal that was reached k actions later is worth at least γ^k of its reward, and no goal
+            more than its reward.
+        saturation_cost: Weight of the actor's outputs beyond `saturation`, before their tanh. A saturated
+            actor has no gradient and learns nothing any more.
+        saturation: See there.
+    """
+
+    learning_rate: float = 2e-4
+    optimiser: str = "rmsprop"
+    discount: float = 0.99
+    batch: int = 256
+    update_every: int = 2
+    policy_delay: int = 2
+    policy_noise: float = 0.2
+    noise_clip: float = 0.5
+    exploration: float = 0.1
+    tracking: float = 0.005
+    hidden: tuple[int, ...] = HIDDEN
+    warm_up: int = 1000
+    capacity: int = 1_000_000
+    final_rate: float = 1.0
+    normalised: bool = False
+    random_actions: float = 0.0
+    errands: float = 0.0
+    errand_steps: float = 12.0
+    goal_size: int = 0
+    radius: float = 0.0
+    goal_reward: float = 1.0
+    grid: tuple[int, ...] = ()
+    hindsight: float = 0.0
+    other_goals: float = 0.0
+    span: int = 50
+    lower_bound: bool = False
+    saturation_cost: float = 0.0
+    saturation: float = 1.5
+
+    def learner(self, observation_size: int, actions: int, seed: int) -> "TD3":
+        """A new learner with these settings."""
+        return TD3(observation_size, actions, seed, self)
+
+
+class FrozenTD3(NamedTuple):
+    """An actor that doesn't learn."""
+
+    act: Callable[[Floats], tuple[Floats, Floats]]
+
+
+class Networks(nn.Module):
+    """An actor π and two critics Q1, Q2 over the same features, which don't learn."""
+
+    def __init__(self, observation_size: int, actions: int, settings: TD3Settings) -> None:
+        super().__init__()
+        self.features = GoalFeatures(observation_size, settings.goal_size, settings.grid)
+        size = self.features.size
+        layers = partial(mlp, hidden=settings.hidden, normalised=settings.normalised)
+        self.actor = layers(size, actions, output_gain=0.01)
+        self.critics = nn.ModuleList(layers(size + actions, 1, output_gain=0.1) for _ in range(2))
+
+    def values(self, features: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Q1 and Q2. [2, n]"""
+        inputs = torch.cat([features, actions], -1)
+        return torch.stack([critic(inputs)[:, 0] for critic in self.critics])
+
+
+class TD3:
+    """A deterministic actor and two critics, each with its own network, and slow copies of all three.
+
+    It learns from all that was done, whoever acted.
+    """
+
+    def __init__(
+        self, observation_size: int, actions: int, seed: int, settings: TD3Settings | None = None
+    ) -> None:
+        self.settings = s = settings or TD3Settings()
+        self.actions = actions
+        self.rng = np.random.default_rng(seed)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.online = Networks(observation_size, actions, s)
+        self.slow = deepcopy(self.online).requires_grad_(False)
+        optimiser = OPTIMISERS[s.optimiser]
+        self.actor_optimiser = optimiser(self.online.actor.parameters(), lr=s.learning_rate)
+        self.critic_optimiser = optimiser(self.online.critics.parameters(), lr=s.learning_rate)
+        self.replay: Replay | None = None
+        self.updates = 0
+        self._due = 0.0
+        self._left = 1.0
+        self._own = 1.0
+        self._skilled = False
+        self._errands = Errands(s.goal_size, s.errand_steps)
+
+    def act(self, observations: Floats) -> tuple[Floats, Floats]:
+        """Actions with the noise of exploration [B, A], and zeros [B].
+
+        It goes on errands, and acts at random, the less the more others act for it.
+        """
+        s, shape = self.settings, (len(observations), self.actions)
+        rate: float | NDArray[np.float64] = 0.0 if self._skilled else 1.0
+        if self.replay and self._warm(self.replay):
+            exploring = self._left * self._own
+            rate = np.linspace(0.0, s.random_actions * exploring, shape[0])
+            if s.errands:
+                observations = self._errands.send(observations, self.replay, s.errands * exploring, self.rng)
+        noisy = _best(self.online, observations)[0] + self.rng.normal(0.0, s.exploration, shape)
+        anyhow = self.rng.random(shape[0]) < rate
+        actions = np.where(anyhow[:, None], self.rng.uniform(-1.0, 1.0, shape), noisy.clip(-1.0, 1.0))
+        return actions.astype(np.float32), np.zeros(shape[0], np.float32)
+
+    def frozen(self) -> FrozenTD3:
+        """The actor's slow copy, without noise: it trembles less from one update to the next."""
+        return FrozenTD3(partial(_best, self.slow))
+
+    def guide(self) -> FrozenTD3:
+        """The same actor as it leads another policy."""
+        return self.frozen()
+
+    def _warm(self, replay: Replay) -> bool:
+        return len(replay) >= self.settings.warm_up
+
+    def update(self, buffer: RolloutBuffer) -> None:
+        """Keeps a block of experience, then makes the updates that are due."""
+        s = self.settings
+        if self.replay is None:
+            lanes, size = buffer.last_observations.shape
+            hindsight = Hindsight(s.goal_size, s.radius, s.goal_reward, s.hindsight, s.other_goals, s.span)
+            self.replay = Replay(s.capacity, lanes, size, self.actions, hindsight)
+        self.replay.add(buffer)
+        self._own = float((buffer.guides == TARGET).mean())
+        if not self._warm(self.replay):
+            return
+        self._due += buffer.rewards.size / s.update_every
+        while self._due >= 1:
+            self._due -= 1
+            self._improve(self.replay.sample(s.batch, self.rng))
+
+    def _improve(self, batch: Transitions) -> None:
+        """One update of the critics; every `policy_delay`th time also of the actor and the slow copies."""
+        self.updates += 1
+        targets = self._targets(batch)
+        features = self.online.features(batch.observations)
+        values = self.online.values(features, batch.actions)
+        gradient_step(self.critic_optimiser, (values - targets).square().mean(-1).sum())
+        if self.updates % self.settings.policy_delay == 0:
+            gradient_step(self.actor_optimiser, self._actor_loss(features))
+            self._track()
+
+    @torch.no_grad()
+    def _targets(self, batch: Transitions) -> torch.Tensor:
+        """Targets y = r + γ min_i Q'_i(s', π'(s') + ε), ε clipped noise. [n]"""
+        s = self.settings
+        features = self.slow.features(batch.following)
+        actions = self.slow.actor(features).tanh()
+        noise = torch.from_numpy(self.rng.normal(0.0, s.policy_noise, actions.shape).astype(np.float32))
+        actions = (actions + noise.clamp(-s.noise_clip, s.noise_clip)).clamp(-1.0, 1.0)
+        to_come = self.slow.values(features, actions).amin(0)
+        targets = batch.rewards + s.discount * (1.0 - batch.ends) * to_come
+        if not s.lower_bound:
+            return targets
+        return torch.maximum(targets, s.goal_reward * s.discount**batch.steps).clamp(0.0, s.goal_reward)
+
+    def _actor_loss(self, features: torch.Tensor) -> torch.Tensor:
+        """-Q1(s, π(s)), and the cost of saturated actions."""
+        s = self.settings
+        outputs = self.online.actor(features)
+        self.online.critics.requires_grad_(False)
+        value: torch.Tensor = self.online.critics[0](torch.cat([features, outputs.tanh()], -1)).mean()
+        self.online.critics.requires_grad_(True)
+        beyond = (outputs.abs() - s.saturation).clamp_min(0.0).square().mean()
+        loss: torch.Tensor = s.saturation_cost * beyond - value
+        return loss
+
+    @torch.no_grad()
+    def _track(self) -> None:
+        """θ' ← τ θ + (1 - τ) θ'."""
+        for slow, online in zip(self.slow.parameters(), self.online.parameters(), strict=True):
+            slow.lerp_(online, self.settings.tracking)
+
+    def anneal(self, done: float) -> None:
+        """Sets learning rate and exploration for the share of the budget that is used up, in [0, 1]."""
+        self._left = 1.0 - min(done, 1.0)
+        share = self.settings.final_rate + (1.0 - self.settings.final_rate) * self._left
+        for optimiser in (self.actor_optimiser, self.critic_optimiser):
+            for group in optimiser.param_groups:
+                group["lr"] = self.settings.learning_rate * share
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """The networks' tensors by name."""
+        return {
+            f"{name}.{key}": value
+            for name, networks in (("online", self.online), ("slow", self.slow))
+            for key, value in networks.state_dict().items()
+        }
+
+    def load(self, state: dict[str, torch.Tensor]) -> None:
+        """Takes the networks' tensors from `state`."""
+        for name, networks in (("online", self.online), ("slow", self.slow)):
+            prefix = f"{name}."
+            networks.load_state_dict(
+                {key.removeprefix(prefix): value for key, value in state.items() if key.startswith(prefix)}
+            )
+
+    def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
+        """Starts from another's networks; there are no odds to be weakened, for noise explores here."""
+        self.load(state)
+        self._skilled = True
+
+
+@torch.no_grad()
+def _best(networks: Networks, observations: Floats) -> tuple[Floats, Floats]:
+    """The actor's actions [B, A], and zeros [B]."""
+    actions = networks.actor(networks.features(torch.from_numpy(observations))).tanh()
+    return actions.numpy(), np.zeros(len(observations), np.float32)

@@ -1,0 +1,155 @@
+"""The maze tasks in batches: B lanes of raw MuJoCo, stepped together.
+
+`env.PaddleMazeEnv` is the same definition on gymnasium-robotics' PointMaze; a test holds both to it.
+"""
+
+from functools import partial
+
+import numpy as np
+
+from paddlectl.tasks.base import Actions, Bools, Floats, Ints, Step, Task, Vocabulary
+from paddlectl.tasks.maze2d import symbols
+from paddlectl.tasks.maze2d.layouts import HORIZON, PLACES, RADIUS, SPECS, Points, Spec, draw_starts
+from paddlectl.tasks.maze2d.observe import OBSERVATION_SIZE, observe
+from paddlectl.tasks.maze2d.physics import PointMasses
+from paddlectl.tasks.maze2d.settings import GUIDANCE, PRESETS
+
+ERRAND_REWARD = 10.0
+"""For getting a thing, and again for delivering it."""
+
+_BALL = symbols.HEADS.index(symbols.GT_BALL)
+
+
+def final_rewards() -> Floats:
+    """The reward of solving a task in step t, 100 (1 - 0.9 t / T). [T + 1]"""
+    return (100 * (1 - 0.9 * np.arange(HORIZON + 1) / HORIZON)).astype(np.float32)
+
+
+class Engine:
+    """B lanes of one task (`tasks.base.Environment`).
+
+    Args:
+        spec: The task.
+        lanes: How many are stepped together.
+        seed: Of the starts: equal seeds give the same starts in the same order.
+        repeat: Steps that one action lasts, unless the episode ends before.
+    """
+
+    observation_size = OBSERVATION_SIZE
+    actions = Actions(2, continuous=True)
+
+    def __init__(self, spec: Spec, lanes: int, seed: int, repeat: int = 1) -> None:
+        self.spec = spec
+        self.lanes = lanes
+        self.repeat = repeat
+        self._rng = np.random.default_rng(seed)
+        self._valuations = symbols.valuation_table(spec.atoms)
+        self._available = symbols.available_table(spec.heads)
+        self._after_touch = symbols.touch_table(spec.heads)
+        self._final_rewards = final_rewards()
+
+        self.t: Ints = np.zeros(lanes, dtype=np.intp)
+        self.facts: Ints = np.zeros(lanes, dtype=np.intp)
+        self.touched: Bools = np.zeros((lanes, len(PLACES)), dtype=np.bool_)
+        self._finished: Bools = np.zeros(lanes, dtype=np.bool_)
+        self.masses = PointMasses(lanes)
+        self.reset()
+
+    def reset(self, lanes: Bools | None = None) -> None:
+        """Draws new starts for the masked lanes; for all if None. [B]"""
+        waiting = np.arange(self.lanes) if lanes is None else np.flatnonzero(lanes)
+        self._start(waiting, draw_starts(self._rng, len(waiting)))
+
+    def set_starts(self, starts: Points) -> None:
+        """Starts all lanes from given positions, one a lane. [B, 2]"""
+        self._start(np.arange(self.lanes), starts)
+
+    def _start(self, lanes: Ints, starts: Points) -> None:
+        self.masses.put(lanes, starts)
+        self.t[lanes] = 0
+        self.facts[lanes] = 0
+        self._finished[lanes] = False
+        self.touched[lanes] = _touched(starts)
+
+    def step(self, actions: Floats) -> Step:
+        """Applies one force a lane, each component in [-1, 1], for `repeat` steps. [B, 2]
+
+        Raises:
+            ValueError: If a force isn't finite.
+        """
+        if not np.isfinite(actions).all():
+            raise ValueError("a force is a finite number")
+        reward, score = np.zeros((2, self.lanes), dtype=np.float32)
+        terminated, truncated = np.zeros((2, self.lanes), dtype=np.bool_)
+        running = np.flatnonzero(~self._finished)
+        self.touched[running] = False
+        self.masses.push(running, np.clip(actions[running], -1.0, 1.0).astype(np.float64))
+        for _ in range(self.repeat):
+            if not len(running):
+                break
+            self.masses.step(running)
+            self.t[running] += 1
+            at = _touched(self.masses.position[running])
+            self.touched[running] |= at
+            reward[running] += ERRAND_REWARD * self._run_errands(running, at)
+            solved = at[:, _BALL] & (self.facts[running] == self.spec.delivered)
+            score[running] = solved * self._final_rewards[self.t[running]]
+            terminated[running] = solved
+            truncated[running] = ~solved & (self.t[running] >= HORIZON)
+            running = running[~(terminated | truncated)[running]]
+        self._finished |= terminated | truncated
+        return Step(reward + score, score, terminated, truncated)
+
+    def _run_errands(self, lanes: Ints, at: Bools) -> Bools:
+        """Takes and delivers what lies where these lanes are; whether anything was. [n], [n, 5] -> [n]"""
+        before = self.facts[lanes]
+        place = at.argmax(-1)  # places are further apart than two radii
+        self.facts[lanes] = np.where(at.any(-1), self._after_touch[place, before], before)
+        changed: Bools = self.facts[lanes] != before
+        return changed
+
+    def valuation(self) -> Bools:
+        """E(s): the truth of every atom of the vocabulary, in its order. [B, P]"""
+        return self._valuations.take(self.facts, axis=0)
+
+    def observe(self, heads: Ints) -> Floats:
+        """What the low level sees (`tasks.maze2d.observe`). [B, 6]"""
+        return observe(self.masses.position, self.masses.velocity, heads)
+
+    def in_world(self, heads: Ints, actions: Floats) -> Floats:
+        """The actions themselves: `observe` shows the world as it is. [B, 2]"""
+        return actions
+
+    def reached(self, heads: Ints) -> Bools:
+        """Whether each lane touched its subgoal's place during the latest action. [B]"""
+        reached: Bools = self.touched[np.arange(self.lanes), heads]
+        return reached
+
+    def available(self, heads: Ints) -> Bools:
+        """Whether each lane's subgoal has something to act on and isn't reached already. [B]"""
+        return self._available[heads, self.facts] & ~self.reached(heads)
+
+
+def _touched(positions: Points) -> Bools:
+    """Which places are touched from these positions. [n, 2] -> [n, 5]"""
+    offsets = positions[:, None] - PLACES
+    touched: Bools = np.einsum("npd,npd->np", offsets, offsets) <= RADIUS**2
+    return touched
+
+
+def make_task(name: str, preset: str = "default") -> Task:
+    """The task of that name, to be learned by this preset."""
+    spec, (repeat, settings) = SPECS[name], PRESETS[preset](name)
+    return Task(
+        name=name,
+        domain="maze2d",
+        summary=spec.summary,
+        horizon=HORIZON,
+        vocabulary=Vocabulary(spec.atoms, symbols.exclusions(spec.atoms)),
+        heads=spec.heads,
+        domain_heads=symbols.HEADS,
+        make=partial(Engine, spec, repeat=repeat),
+        learner="td3",
+        settings=settings,
+        guidance=GUIDANCE,
+    )

@@ -1,0 +1,168 @@
+"""The maze tasks as Gymnasium environments over gymnasium-robotics' PointMaze: `paddle/CoffeeMaze-v0`, ...
+
+Importing this module registers them: `gymnasium.make("paddlectl.tasks.maze2d.env:paddle/CoffeeMaze-v0")`.
+The rules are written a second time here; only the drawing of starts is shared with the engine. Episodes are
+drawn from above by Pillow, without OpenGL.
+"""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium_robotics.envs.maze.point_maze import PointMazeEnv
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from paddlectl.logic.atoms import Atom
+from paddlectl.tasks.maze2d import symbols as s
+from paddlectl.tasks.maze2d.layouts import (
+    COLUMNS,
+    HORIZON,
+    MAP,
+    PLACES,
+    RADIUS,
+    ROWS,
+    SPECS,
+    START,
+    Points,
+    draw_starts,
+)
+
+_CELL = 32  # pixels
+_COLOURS = {
+    s.GT_COFFEE: (121, 72, 32),
+    s.GT_COFFEE_OFFICE: (214, 169, 120),
+    s.GT_MAIL: (40, 90, 200),
+    s.GT_MAIL_OFFICE: (150, 185, 245),
+    s.GT_BALL: (210, 40, 40),
+}
+_THINGS = ((s.GT_COFFEE, s.GT_COFFEE_OFFICE), (s.GT_MAIL, s.GT_MAIL_OFFICE))
+_WALL, _FLOOR, _AGENT = (70, 70, 74), (245, 245, 240), (40, 150, 70)
+
+
+class PaddleMazeEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
+    """One of the three tasks.
+
+    Observations are position and velocity, then 0 or 1 for has_coffee, coffee_delivered, has_mail and
+    mail_delivered. Actions are forces in [-1, 1] along x and y.
+
+    Args:
+        task: Its name.
+        render_mode: `rgb_array` or None.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012  # Gymnasium's own way
+
+    def __init__(self, task: str, render_mode: str | None = None) -> None:
+        self.spec_of_task = SPECS[task]
+        self.render_mode = render_mode
+        maze_map = [[int(cell == "#") for cell in line] for line in MAP]
+        self._maze: Any = PointMazeEnv(maze_map=maze_map, continuing_task=True)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (8,), np.float64)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self._things = [thing for thing in _THINGS if thing[0] in self.spec_of_task.heads]
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+        """Starts an episode where `draw_starts` puts it."""
+        super().reset(seed=seed)
+        self._maze.reset(seed=seed, options={"reset_cell": np.array(START), "goal_cell": np.array(START)})
+        self.place(draw_starts(self.np_random, 1)[0])
+        return self.observation(), {}
+
+    def place(self, start: Points) -> None:
+        """Starts an episode from a given position. [2]"""
+        self._maze.point_env.set_state(start, np.zeros(2))
+        self.t = 0
+        self.held: set[Atom] = set()
+        self.delivered: set[Atom] = set()
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
+        """One step of 0.01 s; `info["score"]` is the final reward alone."""
+        reward, score, terminated, truncated = self.advance(action)
+        return self.observation(), reward, terminated, truncated, {"score": score}
+
+    def advance(self, action: NDArray[Any]) -> tuple[float, float, bool, bool]:
+        """One step without its observation: reward, score, terminated, truncated."""
+        self._maze.step(np.asarray(action, np.float64))
+        self.t += 1
+        reward = 0.0
+        for get, deliver in self._things:
+            if self.at(get) and get not in self.held | self.delivered:
+                self.held.add(get)
+                reward += 10.0
+            elif self.at(deliver) and get in self.held:
+                self.held.remove(get)
+                self.delivered.add(get)
+                reward += 10.0
+        solved = self.at(s.GT_BALL) and len(self.delivered) == len(self._things)
+        score = 100 * (1 - 0.9 * self.t / HORIZON) if solved else 0.0
+        return reward + score, score, solved, self.t >= HORIZON and not solved
+
+    def at(self, head: Atom) -> bool:
+        """Whether the ball touches a subgoal's place."""
+        return bool(np.linalg.norm(self.position - PLACES[s.HEADS.index(head)]) <= RADIUS)
+
+    @property
+    def position(self) -> Points:
+        """In metres. [2]"""
+        position: Points = self._maze.point_env.data.qpos.copy()
+        return position
+
+    def observation(self) -> NDArray[np.float64]:
+        """Position, velocity, and what is carried and delivered. [8]"""
+        facts = [get in had for get, _ in _THINGS for had in (self.held, self.delivered)]
+        return np.concatenate([self.position, self._maze.point_env.data.qvel, facts])
+
+    def render(self) -> NDArray[np.uint8]:
+        """The maze from above; a thing in hand is drawn on the ball. [288, 384, 3]"""
+        image = Image.new("RGB", (COLUMNS * _CELL, ROWS * _CELL), _FLOOR)
+        draw = ImageDraw.Draw(image)
+        for row, line in enumerate(MAP):
+            for column, cell in enumerate(line):
+                if cell == "#":
+                    x, y = column * _CELL, row * _CELL
+                    draw.rectangle((x, y, x + _CELL - 1, y + _CELL - 1), _WALL)
+        for get, deliver in self._things:
+            _disc(draw, PLACES[s.HEADS.index(deliver)], RADIUS, _COLOURS[deliver])
+            if get not in self.held | self.delivered:
+                _disc(draw, PLACES[s.HEADS.index(get)], 0.25, _COLOURS[get])
+            if get in self.delivered:
+                _disc(draw, PLACES[s.HEADS.index(deliver)], 0.2, _COLOURS[get])
+        _disc(draw, PLACES[s.HEADS.index(s.GT_BALL)], RADIUS, _COLOURS[s.GT_BALL])
+        _disc(draw, self.position, 0.2, _AGENT)
+        for number, get in enumerate(sorted(self.held)):
+            _disc(draw, self.position + np.array([0.12 * number - 0.06, 0.0]), 0.1, _COLOURS[get])
+        return np.array(image)
+
+    def close(self) -> None:
+        self._maze.close()
+
+
+def _disc(draw: ImageDraw.ImageDraw, centre: Points, radius: float, colour: tuple[int, int, int]) -> None:
+    """A disc of this radius in metres around a place of the map."""
+    x, y = (centre[0] + COLUMNS / 2) * _CELL, (ROWS / 2 - centre[1]) * _CELL
+    r = radius * _CELL
+    draw.ellipse((x - r, y - r, x + r, y + r), colour)
+
+
+def environment_id(task: str) -> str:
+    """Gymnasium's name of a task, `paddle/CoffeeMaze-v0`."""
+    return f"paddle/{task}-v0"
+
+
+def register() -> None:
+    """Registers every task that Gymnasium doesn't know yet."""
+    for name in SPECS:
+        if environment_id(name) not in gymnasium.registry:
+            gymnasium.register(
+                id=environment_id(name),
+                entry_point="paddlectl.tasks.maze2d.env:PaddleMazeEnv",
+                kwargs={"task": name},
+            )
+
+
+register()

@@ -1,0 +1,97 @@
+"""The three maze tasks as data: the map, who waits where, and how starts are drawn.
+
+A fourth task of the same kind is one more entry in SPECS.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from paddlectl.logic.atoms import Atom
+from paddlectl.tasks.maze2d import symbols as s
+
+Points = NDArray[np.float64]
+
+HORIZON = 1000
+
+MAP = (
+    "############",
+    "#    #     #",
+    "# ## # # ###",
+    "#      #   #",
+    "# ## #  ## #",
+    "#  # #     #",
+    "## ### # # #",
+    "#  #   #   #",
+    "############",
+)
+ROWS, COLUMNS = len(MAP), len(MAP[0])
+RADIUS = 0.4
+"""A place is touched within this distance of its cell's centre, in metres; a cell is 1 m wide."""
+
+START = (1, 1)
+NOISE = 0.25
+"""A start lies this far from its cell's centre at most, in x and in y."""
+
+
+def centre(row: int, column: int) -> tuple[float, float]:
+    """Where a cell's centre is, in metres: x to the right, y upward, the middle of the map at (0, 0)."""
+    return column + 0.5 - COLUMNS / 2, ROWS / 2 - row - 0.5
+
+
+PLACES: Points = np.array([centre(*cell) for cell in ((6, 2), (7, 4), (4, 7), (7, 6), (7, 9))])
+"""Where each subgoal of `symbols.HEADS` is reached. [5, 2]"""
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A task.
+
+    Attributes:
+        name: As typed on the command line.
+        summary: One line for a reader.
+        delivered: Facts that solve the task once the ball is touched.
+        atoms: The vocabulary, in order.
+        heads: The subgoals that programs may name.
+    """
+
+    name: str
+    summary: str
+    delivered: s.Fact
+    atoms: tuple[Atom, ...]
+    heads: tuple[Atom, ...]
+
+
+SPECS = {
+    spec.name: spec
+    for spec in (
+        Spec(
+            name="CoffeeMaze",
+            summary="Get the coffee, bring it to its office, go to the ball.",
+            delivered=s.Fact.COFFEE_DELIVERED,
+            atoms=(s.COFFEE_IN_HAND, s.COFFEE_DELIVERED),
+            heads=(s.GT_COFFEE, s.GT_COFFEE_OFFICE, s.GT_BALL),
+        ),
+        Spec(
+            name="MailMaze",
+            summary="Get the mail, bring it to its office, go to the ball.",
+            delivered=s.Fact.MAIL_DELIVERED,
+            atoms=(s.MAIL_IN_HAND, s.MAIL_DELIVERED),
+            heads=(s.GT_MAIL, s.GT_MAIL_OFFICE, s.GT_BALL),
+        ),
+        Spec(
+            name="CoffeeMailMaze",
+            summary="Bring coffee and mail to their offices in any order, go to the ball.",
+            delivered=s.Fact.COFFEE_DELIVERED | s.Fact.MAIL_DELIVERED,
+            atoms=s.ATOMS,
+            heads=s.HEADS,
+        ),
+    )
+}
+
+
+def draw_starts(rng: np.random.Generator, count: int) -> Points:
+    """Where episodes begin, at rest. [n, 2]"""
+    starts: Points = np.array(centre(*START)) + rng.uniform(-NOISE, NOISE, (count, 2))
+    return starts

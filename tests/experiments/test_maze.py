@@ -1,0 +1,86 @@
+"""The maze through the same doors as MiniGrid: train, show, similarity, evaluate, transfer, explain."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError
+from paddlectl.experiments import sources, transfers
+from paddlectl.experiments.jobs import TrainJob, TransferJob
+from paddlectl.hybrid.policy import settings_for
+from paddlectl.registry.store import Registry
+from paddlectl.report.explanation import explanation_document
+from paddlectl.scenario import load_scenario
+from paddlectl.tasks.suite import load
+
+ROOT = Path(__file__).parents[2]
+FRAMES = 5120  # one block of 32 lanes by 8 actions of 20 steps
+
+
+@pytest.fixture(scope="module")
+def maze(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Registry]:
+    """Both sources, hardly trained, and a transfer from them."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(sources, "EVALUATION_EPISODES", 2)
+    with Registry.open(tmp_path_factory.mktemp("maze")) as registry:
+        for task in ("CoffeeMaze", "MailMaze"):
+            sources.train_source(TrainJob(task, 0, FRAMES), registry, lambda _: None)
+        job = TransferJob(
+            load_scenario(ROOT / "scenarios" / "maze.yaml"), ("policy-1", "policy-2"), "paddle", 0, 3000
+        )
+        transfers.run_transfer(job, registry, lambda _: None)
+        yield registry
+    patch.undo()
+
+
+def test_sources_and_target_are_kept_with_their_domain(maze: Registry) -> None:
+    kept = maze.policies()[::-1]
+    assert [policy.task for policy in kept] == ["CoffeeMaze", "MailMaze", "CoffeeMailMaze"]
+    assert {policy.domain for policy in kept} == {"maze2d"}
+    assert "gt_coffee_office()" in kept[0].program
+    runs = maze.runs()[::-1]
+    assert [run.frames for run in runs[:2]] == [FRAMES, FRAMES]
+    assert 0 < runs[2].frames <= 3000
+    assert {"mujoco", "gymnasium-robotics"} <= set(runs[0].versions)
+
+
+def test_a_policy_is_revived_and_plays_any_task_of_its_domain(maze: Registry) -> None:
+    row = sources.evaluate(maze, maze.policy("CoffeeMaze"), "CoffeeMailMaze", 2, 0)
+    assert (row["task"], row["episodes"]) == ("CoffeeMailMaze", 2)
+    with pytest.raises(IntegrityError, match="maze2d policy; BoxDoor is a minigrid task"):
+        sources.evaluate(maze, maze.policy("CoffeeMaze"), "BoxDoor", 2, 0)
+
+
+def test_the_transfer_can_be_explained(maze: Registry) -> None:
+    document = explanation_document(maze, maze.runs()[0])
+    assert document["target"] == "CoffeeMailMaze"
+    assert len(document["mapping"]["scenes"]) == 9
+    assert document["trace"]
+    assert {row["policy"] for row in document["weights"]} == {"target", "policy-1", "policy-2"}
+
+
+def test_sources_of_another_domain_are_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "mixed.yaml"
+    path.write_text("name: mixed\ntarget: CoffeeMailMaze\nsources: [CoffeeMaze, BoxDoor]\n")
+    with pytest.raises(InvalidFileError, match=r"3:23: BoxDoor is a task of minigrid, .* of maze2d") as told:
+        load_scenario(path)
+    assert "\n" not in told.value.message
+
+
+def test_what_is_missing_is_told_with_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    task = load("CoffeeMaze")  # listed and compared without it
+    with pytest.raises(NotFoundError, match="needs mujoco") as told:
+        task.make(1, 0)
+    assert told.value.hint == "run: pip install 'paddlectl[maze]'"
+
+
+def test_the_presets() -> None:
+    from paddlectl.tasks.maze2d.engine import make_task
+
+    paper = make_task("CoffeeMaze", "paper")
+    settings = settings_for(paper).low_level
+    assert (paper.make(1, 0).repeat, paper.learner) == (1, "td3")
+    assert settings == type(settings)()
+    assert settings_for(load("CoffeeMaze")).low_level != settings
