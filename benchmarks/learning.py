@@ -4,7 +4,7 @@ Every run goes through `experiments.processes.run_jobs`, which `paddlectl train`
 processes at a time. The parts can be run one after the other; each is merged into the result file:
 
     python benchmarks/learning.py --parts sources
-    python benchmarks/learning.py --parts paddle hdm --scenarios A B --seeds 0 1 2 --frames 400000
+    python benchmarks/learning.py --parts paddle hdm --scenarios A B --seeds 0 1 2 --frames 200000
     python benchmarks/learning.py --parts random --seeds 0 1 2
 
 A transfer takes the best policy of each source, as `paddlectl transfer` does. The part `random` runs scenario
@@ -37,6 +37,7 @@ HERE = Path(__file__).parent
 SOURCES = ("BlockedDoor", "GapBall", "DoorBall", "OpenGoal", "BoxDoor")
 SCENARIOS = ("A", "B", "C", "D", "A-place", "B-place", "C-place", "D-place")
 PARTS = ("sources", "paddle", "hdm", "random")
+BUDGETS = {"BlockedBoxUnlockPickup": 100_000, "BlockedBoxPlaceGoal": 150_000}  # of a target, in frames
 WITH_RANDOM = "A"
 RANDOM = "+random"
 BARS = (0.9, 0.97)
@@ -55,7 +56,7 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
     scratch = set()
     for name in options.scenarios if set(options.parts) & {"paddle", "hdm"} else ():
         scenario = scenario_of(name)
-        frames = options.frames or scenario.frames
+        frames = options.frames or BUDGETS[scenario.target]
         for seed in options.seeds:
             if "paddle" in options.parts:
                 yield TransferJob(scenario, best_sources(registry, scenario), "paddle", seed, frames)
@@ -93,7 +94,7 @@ def _with_random(registry: Registry, seed: int, frames: int | None) -> TransferJ
     seeds = {task: 1000 + seed * len(SOURCES) + SOURCES.index(task) for task in others}
     policies = tuple(random_source(task, seeds[task], registry).id for task in others)
     scenario = plain.model_copy(update={"name": plain.name + RANDOM, "sources": (*plain.sources, *others)})
-    return TransferJob(scenario, sources + policies, "paddle", seed, frames or plain.frames)
+    return TransferJob(scenario, sources + policies, "paddle", seed, frames or BUDGETS[plain.target])
 
 
 def run(jobs: Sequence[Job], registry: str, workers: int) -> None:
