@@ -56,7 +56,7 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
     scratch = set()
     for name in options.scenarios if set(options.parts) & {"paddle", "hdm"} else ():
         scenario = scenario_of(name)
-        frames = options.frames or BUDGETS[scenario.target]
+        frames = options.frames or BUDGETS.get(scenario.target, scenario.frames)
         for seed in options.seeds:
             if "paddle" in options.parts:
                 yield TransferJob(scenario, best_sources(registry, scenario), "paddle", seed, frames)
