@@ -4,6 +4,7 @@ The sources are those that learning.py has trained in the same registry:
 
     python benchmarks/learning.py --parts sources
     python benchmarks/ablations.py --scenarios A --rules none fading paper --seeds 0 1 2
+    python benchmarks/ablations.py --scenarios B-place --rules none practice --frames 150000
 
 What switching a rule off means:
 
