@@ -55,12 +55,12 @@ _SOURCE: list[Column] = [
     ("seeds", seeds),
     *_UNSEEN,
     ("crisp", figure("crispness", ".2f", less_is_better=False)),
-    ("frames", figure("frames", ",", less_is_better=True)),
+    ("frames", figure("frames", ",.0f", less_is_better=True)),
     ("seconds", figure("seconds", ".0f", less_is_better=True)),
 ]
 _TRANSFER: list[Column] = [
     ("seeds", seeds),
-    ("frames", figure("frames", ",", less_is_better=True)),
+    ("frames", figure("frames", ",.0f", less_is_better=True)),
     ("jump-start", figure("jump_start", ".2f", less_is_better=False)),
     ("first 200", figure("success_first_200", ".1%", less_is_better=False)),
     ("frames to 0.9", figure("to_success/0.9/frames", ",.0f", less_is_better=True)),
@@ -70,7 +70,7 @@ _TRANSFER: list[Column] = [
 ]
 _RANDOM: list[Column] = [
     ("seeds", seeds),
-    ("frames", figure("frames", ",", less_is_better=True)),
+    ("frames", figure("frames", ",.0f", less_is_better=True)),
     ("jump-start", figure("jump_start", ".2f", less_is_better=False)),
     ("first 200", figure("success_first_200", ".1%", less_is_better=False)),
     ("frames to 0.9", figure("to_success/0.9/frames", ",.0f", less_is_better=True)),
