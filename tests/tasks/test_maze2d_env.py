@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from paddlectl.tasks.maze2d.env import PaddleMazeEnv, environment_id
+from paddlectl.tasks.maze2d.env import PaddleMazeEnv
 from paddlectl.tasks.maze2d.layouts import PLACES, SPECS
+from paddlectl.tasks.registration import environment_id
 
 TASKS = pytest.mark.parametrize("task", SPECS)
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from paddlectl.tasks.minigrid.env import PaddleEnv, environment_id
+from paddlectl.tasks.minigrid.env import PaddleEnv
 from paddlectl.tasks.minigrid.grid import Action, Thing
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, draw_layouts
+from paddlectl.tasks.registration import environment_id
 from planner import shortest_plan
 
 TASKS = tuple(SPECS)

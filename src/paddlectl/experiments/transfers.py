@@ -12,7 +12,7 @@ from paddlectl.experiments.log import WINDOW, curve_figures, recorded, versions
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.sources import keep, revive
 from paddlectl.hybrid import training
-from paddlectl.hybrid.policy import HybridPolicy, settings_for
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, settings_for
 from paddlectl.hybrid.rollout import Episode
 from paddlectl.hybrid.training import Learning, Round
 from paddlectl.logic.clauses import Scene, scenes_of
@@ -47,24 +47,7 @@ def run_transfer(
     paper = {"decisions": {"patience": 1.0}} if job.scenario.guidance.mode == "paper" else {}
     settings = settings_for(task, job.hybrid, paper)
     pace = pace or Pace()
-    run = pace.begin(
-        registry,
-        lambda: registry.add_run(
-            kind="transfer",
-            method=job.method,
-            task=task.name,
-            scenario=job.scenario.name,
-            sources=() if job.method == "hdm" else job.sources,
-            seed=job.seed,
-            settings={
-                "frames": job.frames,
-                "scenario": job.scenario.model_dump(mode="json"),
-                "hybrid": dataclasses.asdict(settings),
-                "guidance": dataclasses.asdict(_rules(job, task)),
-            },
-            versions=versions(),
-        ),
-    )
+    run = pace.begin(registry, lambda: _new_run(job, task, settings, registry))
     with recorded(registry, run) as log:
         target = HybridPolicy(task, job.seed, settings)
         account: _RunAccount | None = None
@@ -92,6 +75,24 @@ def run_transfer(
         **log.counts(),
         **figures,
     }
+
+
+def _new_run(job: TransferJob, task: Task, settings: HybridSettings, registry: Registry) -> RunRecord:
+    return registry.add_run(
+        kind="transfer",
+        method=job.method,
+        task=task.name,
+        scenario=job.scenario.name,
+        sources=() if job.method == "hdm" else job.sources,
+        seed=job.seed,
+        settings={
+            "frames": job.frames,
+            "scenario": job.scenario.model_dump(mode="json"),
+            "hybrid": dataclasses.asdict(settings),
+            "guidance": dataclasses.asdict(_rules(job, task)),
+        },
+        versions=versions(),
+    )
 
 
 def _rules(job: TransferJob, task: Task) -> GuidanceSettings:

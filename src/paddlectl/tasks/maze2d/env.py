@@ -27,6 +27,7 @@ from paddlectl.tasks.maze2d.layouts import (
     Points,
     draw_starts,
 )
+from paddlectl.tasks.registration import register
 
 _CELL = 32  # pixels
 _COLOURS = {
@@ -149,20 +150,4 @@ def _disc(draw: ImageDraw.ImageDraw, centre: Points, radius: float, colour: tupl
     draw.ellipse((x - r, y - r, x + r, y + r), colour)
 
 
-def environment_id(task: str) -> str:
-    """Gymnasium's name of a task, `paddle/CoffeeMaze-v0`."""
-    return f"paddle/{task}-v0"
-
-
-def register() -> None:
-    """Registers every task that Gymnasium doesn't know yet."""
-    for name in SPECS:
-        if environment_id(name) not in gymnasium.registry:
-            gymnasium.register(
-                id=environment_id(name),
-                entry_point="paddlectl.tasks.maze2d.env:PaddleMazeEnv",
-                kwargs={"task": name},
-            )
-
-
-register()
+register(SPECS, "paddlectl.tasks.maze2d.env:PaddleMazeEnv")

@@ -16,6 +16,7 @@ from minigrid.minigrid_env import MiniGridEnv
 from paddlectl.logic.atoms import Atom
 from paddlectl.tasks.minigrid.grid import ABSENT, HEIGHT, MIDDLE, WIDTH, Action, Facing, Thing
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, draw_layouts
+from paddlectl.tasks.registration import register
 
 
 class Tile(Floor):
@@ -221,20 +222,4 @@ def _position(cell: int) -> tuple[int, int]:
     return x, y
 
 
-def environment_id(task: str) -> str:
-    """Gymnasium's name of a task, `paddle/BoxDoor-v0`."""
-    return f"paddle/{task}-v0"
-
-
-def register() -> None:
-    """Registers every task that Gymnasium doesn't know yet."""
-    for name in SPECS:
-        if environment_id(name) not in gymnasium.registry:
-            gymnasium.register(
-                id=environment_id(name),
-                entry_point="paddlectl.tasks.minigrid.env:PaddleEnv",
-                kwargs={"task": name},
-            )
-
-
-register()
+register(SPECS, "paddlectl.tasks.minigrid.env:PaddleEnv")
