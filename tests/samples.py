@@ -157,3 +157,15 @@ def decision() -> dict[str, Any]:
         "steps": 12,
         "reached": True,
     }
+
+
+SCENARIO = """\
+name: A
+target: BlockedBoxUnlockPickup
+sources: [BlockedDoor, GapBall]
+method: paddle
+seeds: [0, 1, 2]
+frames: 400000
+similarity: {body_weight: 0.8, head_weight: 0.2}
+guidance: {mode: default}
+"""

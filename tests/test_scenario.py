@@ -10,17 +10,7 @@ from hypothesis import strategies as st
 from paddlectl.errors import InvalidFileError, NotFoundError
 from paddlectl.scenario import Guidance, Scenario, Similarity, load_scenario
 from samples import ROOT
-
-GOOD = """\
-name: A
-target: BlockedBoxUnlockPickup
-sources: [BlockedDoor, GapBall]
-method: paddle
-seeds: [0, 1, 2]
-frames: 400000
-similarity: {body_weight: 0.8, head_weight: 0.2}
-guidance: {mode: default}
-"""
+from samples import SCENARIO as GOOD
 
 
 def write(folder: Path, text: str | bytes) -> Path:

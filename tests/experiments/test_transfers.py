@@ -192,7 +192,7 @@ def test_a_caller_may_change_the_rules_and_the_hybrid_model(transfer, changes):
     changed = dataclasses.replace(job(transfer.policies, "default"), **changes)
     row = transfers.run_transfer(changed, transfer.registry, lambda _: None)
     told, usual = transfer.registry.run(row["run"]).settings, transfer().run.settings
-    assert told["guidance"] == dataclasses.asdict(changed.rules)
+    assert told["guidance"] == dataclasses.asdict(changed.rules or GuidanceSettings())
     if "hybrid" in changes:
         assert told["hybrid"]["credit"] == usual["hybrid"]["credit"] | {"planned": False}
         assert told["hybrid"] == usual["hybrid"] | {"sharpness": 2.0, "credit": told["hybrid"]["credit"]}

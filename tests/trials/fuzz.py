@@ -25,20 +25,11 @@ from paddlectl.registry.check import check
 from paddlectl.registry.repair import repair
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import load_scenario
+from samples import SCENARIO
 from trials.killed_writers import write_one
 
 CODES = {0, 1, 2, 3, 4, 5, 6, 7}
 SLOWEST = 2.0  # seconds
-SCENARIO = """\
-name: A
-target: BlockedBoxUnlockPickup
-sources: [BlockedDoor, GapBall]
-method: paddle
-seeds: [0, 1, 2]
-frames: 400000
-similarity: {body_weight: 0.8, head_weight: 0.2}
-guidance: {mode: default}
-"""
 NASTY = [
     "&a [*a]", "*a", "!!python/object/apply:os.system ['touch canary']", "!!binary aGk=", "!!set {a}",
     "<<: {a: 1}", "1:30", "0100", "0x10", "0b1", "1e999", ".nan", "-.inf", "yes", "no", "on", "~",

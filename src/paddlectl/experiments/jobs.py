@@ -28,7 +28,7 @@ class TransferJob:
     """Run a scenario once; `sources` are policy ids.
 
     Attributes:
-        rules: Of `guidance: default`; nothing to `paper`.
+        rules: Of `guidance: default`; None are those that fit the task. Nothing to `paper`.
         hybrid: As for a `TrainJob`. Not the shape of the networks: a kept policy is revived with
             the usual one.
     """
@@ -38,7 +38,7 @@ class TransferJob:
     method: str
     seed: int
     frames: int
-    rules: GuidanceSettings = field(default_factory=GuidanceSettings)
+    rules: GuidanceSettings | None = None
     hybrid: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -96,8 +96,7 @@ def _new_run(job: TransferJob, task: Task, settings: HybridSettings, registry: R
 
 
 def _rules(job: TransferJob, task: Task) -> GuidanceSettings:
-    """The job's rules, with what the task has other needs for."""
-    return dataclasses.replace(job.rules, **task.guidance)
+    return job.rules or dataclasses.replace(GuidanceSettings(), **task.guidance)
 
 
 def _guided(
