@@ -6,7 +6,7 @@ DEMO := build/demo
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: setup demo test check soak bench clean
+.PHONY: setup demo test check soak bench bench-ablations bench-maze clean
 
 setup: $(READY)
 
@@ -39,9 +39,14 @@ SHARE ?= 1
 soak: $(READY)
 	$(BIN)/python tests/soak.py --share $(SHARE)
 
-bench: $(READY)
+# Learning and transfer over seeds, and speed: half an hour. The ablations take an hour, the maze two.
+bench: BENCH := learning sb3_reference training_speed engine_speed greedy_lengths
+bench-ablations: BENCH := ablations
+bench-maze: BENCH := maze
+
+bench bench-ablations bench-maze: $(READY)
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev,maze,bench]'
-	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
+	@for script in $(BENCH); do echo "== $$script"; $(BIN)/python "benchmarks/$$script.py" || exit 1; done
 
 clean:
 	rm -rf .venv build dist src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -150,3 +150,15 @@ def test_what_is_inherited_is_used_at_once():
     seen = np.random.default_rng(0).uniform(-0.8, 0.8, (50, 2)).astype(np.float32)
     expected = learner.online.actor(torch.from_numpy(seen)).tanh().detach().numpy()
     np.testing.assert_allclose(heir.act(seen)[0], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_what_is_inherited_is_unlearned_no_faster_than_its_share_of_the_rate(share):
+    heir, rng = TD3(2, 1, 5, TD3Settings(**SMALL, inherited_rate=share)), np.random.default_rng(0)
+    given = {name: value.clone() for name, value in trained(0, blocks=4).state().items()}
+    heir.inherit(given, 0.7)
+    heir.anneal(0.0)
+    assert heir.actor_optimiser.param_groups[0]["lr"] == share * heir.settings.learning_rate
+    heir.update(bandit_block(heir, rng))
+    kept = all(torch.equal(value, given[name]) for name, value in heir.state().items())
+    assert kept == (share == 0.0)

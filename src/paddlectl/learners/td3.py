@@ -43,6 +43,7 @@ class TD3Settings:
         capacity: Transitions that are kept.
         final_rate: Share of the learning rate that is left at the end of the budget; it falls in a straight
             line.
+        inherited_rate: Share of the learning rate once networks were inherited; none keeps them as they are.
         normalised: Layers are normalised before their ReLU: what a critic makes of states that it has hardly
             seen stays within bounds.
         random_actions: Share of actions drawn at random, from none in the first lane to this in the last: one
@@ -77,6 +78,7 @@ class TD3Settings:
     warm_up: int = 1000
     capacity: int = 1_000_000
     final_rate: float = 1.0
+    inherited_rate: float = 1.0
     normalised: bool = False
     random_actions: float = 0.0
     errands: float = 0.0
@@ -184,7 +186,7 @@ class TD3:
             self.replay = Replay(s.capacity, lanes, size, self.actions, hindsight)
         self.replay.add(buffer)
         self._own = float((buffer.guides == TARGET).mean())
-        if not self._warm(self.replay):
+        if not self._warm(self.replay) or not self._rate():
             return
         self._due += buffer.rewards.size / s.update_every
         while self._due >= 1:
@@ -236,10 +238,15 @@ class TD3:
     def anneal(self, done: float) -> None:
         """Sets learning rate and exploration for the share of the budget that is used up, in [0, 1]."""
         self._left = 1.0 - min(done, 1.0)
-        share = self.settings.final_rate + (1.0 - self.settings.final_rate) * self._left
         for optimiser in (self.actor_optimiser, self.critic_optimiser):
             for group in optimiser.param_groups:
-                group["lr"] = self.settings.learning_rate * share
+                group["lr"] = self._rate()
+
+    def _rate(self) -> float:
+        """The present learning rate."""
+        s = self.settings
+        share = s.final_rate + (1.0 - s.final_rate) * self._left
+        return s.learning_rate * share * (s.inherited_rate if self._skilled else 1.0)
 
     def state(self) -> dict[str, torch.Tensor]:
         """The networks' tensors by name."""

@@ -69,6 +69,7 @@ _OF_TASK: Mapping[str, Preset] = {
             "low_level": {
                 **_DEVIATIONS,
                 "learning_rate": 3e-4,
+                "inherited_rate": 0.0,
                 "discount": 0.98,
                 "span": 100,
                 "errand_steps": 40.0,
@@ -86,7 +87,9 @@ def _default(task: str) -> Preset:
     faster with an action every 5 steps, and the target has little time to lose. The discount is the same for
     the same time.
 
-    The target plays in one lane: of many that start at once, all would make the same mistakes. Rewards are
+    The target plays in one lane: of many that start at once, all would make the same mistakes. It keeps the
+    ways that it inherits: hindsight has taught its source to go from most places to most others, and the few
+    updates that a transfer has time for unlearn some of them rather than add to them. Rewards are
     counted such that a good order of play is worth more than ψ promises of an untried guide, and a bad one
     less.
     """
