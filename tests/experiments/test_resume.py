@@ -15,28 +15,10 @@ from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.sources import train_source
-from paddlectl.experiments.stop import Stop
 from paddlectl.learners import ppo
 from paddlectl.registry.check import check
 from paddlectl.registry.store import Registry
-from trials.runs import FRAMES, KINDS, ROUNDS, add_sources, begin, ended, quiet, small
-
-
-class StopAfter(Stop):
-    """Asks to stop once so many rounds are over."""
-
-    def __init__(self, rounds: int) -> None:
-        super().__init__()
-        self.rounds = rounds
-
-    @property
-    def asked(self) -> bool:  # type: ignore[override]
-        self.rounds -= 1
-        return self.rounds == 0
-
-    @asked.setter
-    def asked(self, value: bool) -> None:
-        pass
+from trials.runs import FRAMES, KINDS, ROUNDS, StopAfter, add_sources, begin, ended, quiet, small
 
 
 @pytest.fixture(scope="module")

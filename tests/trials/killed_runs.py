@@ -35,8 +35,9 @@ def _resume(location: Path, run: str) -> None:
     resume(run, Registry.open(location), quiet, Pace(0.0))
 
 
-def killed_runs(kills: int, seed: int, location: Path) -> dict[str, Any]:
+def killed_runs(kills: int, seed: int, folder: Path) -> dict[str, Any]:
     """Kills runs of every kind `kills` times in all, each at a moment spread over what is left of it."""
+    location = folder / "registry"
     dice, done, most_lost, runs = random.Random(seed), 0, 0, 0
     with small():
         registry = Registry.open(location)
@@ -93,11 +94,11 @@ def _lost(registry: Registry, run: str) -> int:
     return told - (folder / "progress.jsonl").read_bytes()[:size].count(b"\n")
 
 
-def stopped_runs(count: int, seed: int, location: Path) -> dict[str, Any]:
+def stopped_runs(count: int, seed: int, folder: Path) -> dict[str, Any]:
     """SIGTERM at random moments: a checkpoint, the state `interrupted`, all within five seconds (R4)."""
     from paddlectl.experiments.stop import Stop
 
-    dice, slowest = random.Random(seed), 0.0
+    dice, slowest, location = random.Random(seed), 0.0, folder / "registry"
 
     def work(kind: str) -> None:
         stop = Stop()
@@ -115,8 +116,8 @@ def stopped_runs(count: int, seed: int, location: Path) -> dict[str, Any]:
             process = child(work, KINDS[number % len(KINDS)])
             while not (new := [run for run in registry.runs() if run.id not in before]):
                 time.sleep(0.02)
-            folder = registry.folder / "runs" / new[0].id
-            while not (folder / "progress.jsonl").exists():
+            kept = registry.folder / "runs" / new[0].id
+            while not (kept / "progress.jsonl").exists():
                 time.sleep(0.02)
             time.sleep(dice.uniform(0.0, 0.7))
             began = time.monotonic()
@@ -125,6 +126,6 @@ def stopped_runs(count: int, seed: int, location: Path) -> dict[str, Any]:
             slowest = max(slowest, time.monotonic() - began)
             run = registry.run(new[0].id)
             assert (code, run.status) in ((3, "interrupted"), (0, "finished")), (code, run.status)
-            assert code == 0 or any((folder / "checkpoints").glob("*.json"))
+            assert code == 0 or any((kept / "checkpoints").glob("*.json"))
     assert slowest <= 5.0, slowest
     return {"stops": count, "slowest_seconds": round(slowest, 2)}

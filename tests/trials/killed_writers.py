@@ -17,6 +17,7 @@ from paddlectl.registry.check import check
 from paddlectl.registry.garbage import collect
 from paddlectl.registry.repair import repair
 from paddlectl.registry.store import Registry
+from released import rebuilt
 from trials.killed_runs import child
 
 PLAIN: dict[str, Any] = {"kind": "train", "method": "hdm", "task": "BoxDoor", "scenario": None, "sources": []}
@@ -41,8 +42,9 @@ def _write(location: Path, pipe: int, first: int) -> None:
         os.write(pipe, f"{' '.join(write_one(registry, number))}\n".encode())
 
 
-def killed_writers(kills: int, seed: int, location: Path) -> dict[str, Any]:
+def killed_writers(kills: int, seed: int, folder: Path) -> dict[str, Any]:
     """Kills a writer at random moments; whatever it acknowledged must be there, and true."""
+    location = folder / "registry"
     registry, dice = Registry.open(location), random.Random(seed)
     acknowledged: list[tuple[str, str]] = []
     began = time.monotonic()
@@ -135,9 +137,10 @@ OPERATIONS: dict[str, tuple[Care, Callable[[Path], None]]] = {
 }
 
 
-def killed_care(kills: int, seed: int, folder: Path, first_schema: Path) -> dict[str, Any]:
+def killed_care(kills: int, seed: int, folder: Path) -> dict[str, Any]:
     """Kills each operation `kills` times: what is left is the old state or the new one, never between."""
     dice = random.Random(seed)
+    first_schema = rebuilt("0001", folder / "first")
     sound = folder / "sound"
     registry = Registry.open(sound)
     for number in range(3):

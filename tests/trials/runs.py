@@ -7,10 +7,13 @@ from contextlib import contextmanager
 from typing import Any
 from unittest import mock
 
+import torch
+
 from paddlectl.experiments import sources, transfers
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.sources import random_source, train_source
+from paddlectl.experiments.stop import Stop
 from paddlectl.hybrid.policy import HybridSettings, settings_for
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Task
@@ -26,9 +29,27 @@ def quiet(_: Any) -> None:
     pass
 
 
+class StopAfter(Stop):
+    """Asks to stop once so many rounds are over."""
+
+    def __init__(self, rounds: int) -> None:
+        super().__init__()
+        self.rounds = rounds
+
+    @property
+    def asked(self) -> bool:  # type: ignore[override]
+        self.rounds -= 1
+        return self.rounds == 0
+
+    @asked.setter
+    def asked(self, value: bool) -> None:
+        pass
+
+
 @contextmanager
 def small() -> Iterator[None]:
-    """Eight lanes and one epoch, so that a round takes a tenth of a second."""
+    """Eight lanes and one epoch, so that a round takes a tenth of a second; one thread, as runs have."""
+    torch.set_num_threads(1)
 
     def few(task: Task, *changes: Any) -> HybridSettings:
         return settings_for(task, *changes, {"lanes": 8, "low_level": SMALL[task.learner]})
@@ -50,15 +71,16 @@ def add_sources(registry: Registry) -> None:
         random_source(task, 0, registry)
 
 
-def begin(kind: str, registry: Registry, pace: Pace) -> dict[str, Any]:
+def begin(kind: str, registry: Registry, pace: Pace, rounds: int = ROUNDS) -> dict[str, Any]:
+    frames = rounds * FRAMES // ROUNDS
     if kind == "train":
-        return train_source(TrainJob("GapBall", 0, FRAMES), registry, quiet, pace)
+        return train_source(TrainJob("GapBall", 0, frames), registry, quiet, pace)
     if kind == "train maze":  # 8 lanes, 8 actions a round, 20 steps an action
-        return train_source(TrainJob("CoffeeMaze", 0, ROUNDS * 8 * 8 * 20), registry, quiet, pace)
+        return train_source(TrainJob("CoffeeMaze", 0, rounds * 8 * 8 * 20), registry, quiet, pace)
     method, _, mode = kind.partition(" ")
     policies = ("policy-1", "policy-2")
     return transfers.run_transfer(
-        job(policies, mode or "default", method, frames=FRAMES), registry, quiet, pace
+        job(policies, mode or "default", method, frames=frames), registry, quiet, pace
     )
 
 
