@@ -1,4 +1,7 @@
-"""Registries as released versions left them: `registry/released/<schema>`, with the database as SQL."""
+"""What released versions left: `registry/released/<schema>`, with the database as SQL, and exported bundles.
+
+`freeze.py` makes those of this version.
+"""
 
 import shutil
 import sqlite3
@@ -6,6 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 RELEASED = Path(__file__).parent / "registry" / "released"
+BUNDLES = Path(__file__).parent / "registry" / "bundles"
 SCHEMAS = sorted(path.name for path in RELEASED.iterdir())
 
 
