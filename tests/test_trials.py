@@ -1,4 +1,4 @@
-"""The short tier of the reliability trials; `make soak` runs the long one with other seeds."""
+"""The short tier of the reliability trials, as far as it is quick; `make soak` runs all, with other seeds."""
 
 import json
 import subprocess
@@ -9,16 +9,18 @@ import pytest
 
 SOAK = Path(__file__).with_name("soak.py")
 COUNTS = {
-    "killed_writers": 120,
-    "killed_care": 6,
+    "killed_writers": 200,
+    "killed_care": 10,
     "killed_runs": 16,
-    "stopped_runs": 8,
+    "stopped_runs": 10,
     "failing_writes": 1,
     "full_disk": 12,
-    "yaml_files": 4000,
-    "programs": 4000,
+    "yaml_files": 20_000,
+    "programs": 20_000,
     "index_files": 60,
-    "command_lines": 600,
+    "changed_files": 2000,
+    "healthy_registries": 20,
+    "command_lines": 2000,
 }
 MOST_MEGABYTES = 600  # of a process that has loaded all of the command line and its packages
 
@@ -31,6 +33,6 @@ def test_a_trial(name: str) -> None:
     found = json.loads(done.stdout)
     if "skipped" in found:
         pytest.skip(found["skipped"])
-    for nothing in ("lost", "different", "between", "ids_given_twice"):
+    for nothing in ("lost", "different", "between", "ids_given_twice", "undetected", "false_alarms"):
         assert found.get(nothing, 0) == 0
     assert found.get("megabytes", 0) <= MOST_MEGABYTES

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -21,13 +22,23 @@ WRITERS, READERS, MAKERS = 64, 4, 16
 
 
 def together(works: Sequence[Callable[[], Any]], folder: Path) -> list[Any]:
-    """What each work gives, done in a process of its own; all of them are let go at the same moment."""
+    """What each work gives, done in a process of its own; all of them are let go at the same moment.
+
+    When one fails the others are killed, since they may wait for what it would have done.
+    """
     waiting, going = os.pipe()
     processes = [child(_after, waiting, going, work, folder / str(n)) for n, work in enumerate(works)]
     os.close(waiting)
     os.close(going)
-    codes = [os.waitpid(process, 0)[1] for process in processes]
-    assert not any(codes), codes
+    left, failed = set(processes), False
+    while left:
+        process, code = os.wait()
+        left.remove(process)
+        if code and not failed:
+            failed = True
+            for other in left:
+                os.kill(other, signal.SIGKILL)
+    assert not failed, "a process failed; it said why"
     return [json.loads((folder / str(number)).read_text()) for number in range(len(works))]
 
 
