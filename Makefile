@@ -34,7 +34,7 @@ check: $(READY)
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -n 2
 
-# The long tier of the reliability tests, for hours; SHARE=0.1 runs a tenth of it.
+# The long tier of the reliability tests, for hours; SHARE=0.1 runs a tenth of it, in half an hour.
 SHARE ?= 1
 soak: $(READY)
 	$(BIN)/python tests/soak.py --share $(SHARE)

@@ -39,9 +39,10 @@ class Trial(NamedTuple):
 
 TRIALS = {
     "killed_writers": Trial("killed_writers", 200, 2000),
-    "killed_care": Trial("killed_writers", 10, 100),
+    "killed_care": Trial("killed_writers", 10, 200),
     "killed_runs": Trial("killed_runs", 20, 500),
     "stopped_runs": Trial("killed_runs", 10, 100),
+    "stopped_commands": Trial("killed_runs", 10, 100),
     "stopped_every": Trial("equal_runs", 15, 250),
     "repeated_runs": Trial("equal_runs", 3, 20),
     "writers_at_once": Trial("crowds", 50, 500),

@@ -88,7 +88,7 @@ def yaml_files(count: int, seed: int, folder: Path) -> dict[str, Any]:
                 again = scenario.model_validate_json(scenario.model_dump_json())
                 assert again == scenario
     assert [entry.name for entry in folder.iterdir()] == ["x.yaml"]
-    return {"files": count, "taken": taken, "nasties": len(NASTY), "megabytes": megabytes()}
+    return {"files": count, "taken": taken, "nasties": len(NASTY), "megabytes": megabytes(300)}
 
 
 def programs(count: int, seed: int, folder: Path) -> dict[str, Any]:
@@ -125,7 +125,7 @@ def programs(count: int, seed: int, folder: Path) -> dict[str, Any]:
     for _ in range(count // 2):
         program = _program(dice)
         assert parse_program(format_program(program)) == program
-    return {"texts": count, "taken": taken, "round_trips": count // 2, "megabytes": megabytes()}
+    return {"texts": count, "taken": taken, "round_trips": count // 2, "megabytes": megabytes(300)}
 
 
 def _program(dice: random.Random) -> Program:
@@ -170,7 +170,7 @@ def bundle_files(count: int, seed: int, folder: Path) -> dict[str, Any]:
             else:
                 raise AssertionError("a changed bundle was taken in")
     assert not place.exists()
-    return {"bundles": count, "taken": 0, "megabytes": megabytes()}
+    return {"bundles": count, "taken": 0, "megabytes": megabytes(500)}
 
 
 def index_files(count: int, seed: int, folder: Path) -> dict[str, Any]:
@@ -257,7 +257,7 @@ def command_lines(count: int, seed: int, folder: Path) -> dict[str, Any]:
     left = {path for path in folder.rglob("*") if not path.is_relative_to(folder / "registry")} - before
     strange = {path for path in left if "canary" in path.name}
     assert not strange, strange
-    return {"lines": count, "codes": {str(code): n for code, n in codes.items()}, "megabytes": megabytes()}
+    return {"lines": count, "codes": {str(code): n for code, n in codes.items()}, "megabytes": megabytes(600)}
 
 
 @contextlib.contextmanager
@@ -267,7 +267,12 @@ def soon_enough(line: list[str]) -> Iterator[None]:
     assert time.monotonic() - began <= 30.0, line
 
 
-def megabytes() -> int:
-    """Most memory that this process had; `ru_maxrss` would count what its parent had when it was started."""
+def megabytes(most: int) -> int:
+    """Most memory that this process had, which mustn't be more than `most`.
+
+    `ru_maxrss` would count what its parent had when it was started.
+    """
     told = Path("/proc/self/status").read_text()
-    return int(re.search(r"VmHWM:\s+(\d+) kB", told)[1]) // 1024
+    found = int(re.search(r"VmHWM:\s+(\d+) kB", told)[1]) // 1024
+    assert found <= most, f"{found} megabytes"
+    return found

@@ -1,8 +1,10 @@
-"""`kill -9` of runs at random moments, and of their resumption: they end as if nothing had happened (R2)."""
+"""Runs that are killed at random moments (R2), as is their resumption, or stopped by a signal (R4)."""
 
 import os
 import random
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import resume
 from paddlectl.registry.check import check
 from paddlectl.registry.store import Registry
+from samples import ROOT
 from trials.runs import KINDS, add_sources, begin, ended, quiet, small
 
 
@@ -127,5 +130,36 @@ def stopped_runs(count: int, seed: int, folder: Path) -> dict[str, Any]:
             run = registry.run(new[0].id)
             assert (code, run.status) in ((3, "interrupted"), (0, "finished")), (code, run.status)
             assert code == 0 or any((kept / "checkpoints").glob("*.json"))
+    assert slowest <= 5.0, slowest
+    return {"stops": count, "slowest_seconds": round(slowest, 2)}
+
+
+def stopped_commands(count: int, seed: int, folder: Path) -> dict[str, Any]:
+    """^C, SIGTERM and a closed terminal while `train` learns: its exit code and a checkpoint soon (R4)."""
+    dice, slowest = random.Random(seed), 0.0
+    ways = ((os.killpg, signal.SIGINT, 130), (os.kill, signal.SIGTERM, 143), (os.killpg, signal.SIGHUP, 129))
+    for stop in range(count):
+        send, number, code = ways[stop % len(ways)]
+        place = folder / str(stop)
+        line = [sys.executable, "-m", "paddlectl", "train", "BlockedDoor", "--frames", "9999999"]
+        process = subprocess.Popen(
+            [*line, "--registry", str(place)],
+            env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        while not (place / "runs" / "run-1" / "progress.jsonl").exists():
+            assert process.poll() is None
+            time.sleep(0.02)
+        time.sleep(dice.uniform(0.0, 1.0))
+        began = time.monotonic()
+        send(process.pid, number)
+        _, told = process.communicate(timeout=60)
+        slowest = max(slowest, time.monotonic() - began)
+        assert (process.returncode, told.splitlines()[-1]) == (code, "interrupted"), (stop, told)
+        assert Registry(place).run("run-1").status == "interrupted"
+        assert any((place / "runs" / "run-1" / "checkpoints").glob("*.json"))
+        assert not check(place, read_data=True).findings
     assert slowest <= 5.0, slowest
     return {"stops": count, "slowest_seconds": round(slowest, 2)}
