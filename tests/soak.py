@@ -84,7 +84,7 @@ def soaked(name: str, share: float) -> dict[str, Any]:
     done = subprocess.run(line, capture_output=True, text=True, check=False)
     counts = json.loads(done.stdout) if done.returncode == 0 else {"failed": done.stderr[-1000:]}
     print(f"  {counts}", file=sys.stderr, flush=True)
-    return {**counts, "share": share, "date": datetime.now(UTC).date().isoformat()}
+    return {"count": count, **counts, "date": datetime.now(UTC).date().isoformat()}
 
 
 def main() -> int:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from soak import RESULTS, TRIALS
+
 SOAK = Path(__file__).with_name("soak.py")
 COUNTS = {
     "killed_writers": 200,
@@ -34,3 +36,11 @@ def test_a_trial(name: str) -> None:
         pytest.skip(found["skipped"])
     for nothing in ("lost", "different", "between", "ids_given_twice", "undetected", "false_alarms"):
         assert found.get(nothing, 0) == 0
+
+
+def test_the_results_hold_every_trial_at_its_short_count_or_more() -> None:
+    results = json.loads(RESULTS.read_text())["trials"]
+    assert list(results) == list(TRIALS)
+    for name, trial in TRIALS.items():
+        assert results[name]["count"] >= trial.short, name
+        assert not {"failed", "skipped"} & results[name].keys(), name

@@ -148,6 +148,7 @@ def stopped_commands(count: int, seed: int, folder: Path) -> dict[str, Any]:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            preexec_fn=_as_in_a_terminal,
         )
         while not (place / "runs" / "run-1" / "progress.jsonl").exists():
             assert process.poll() is None
@@ -163,3 +164,9 @@ def stopped_commands(count: int, seed: int, folder: Path) -> dict[str, Any]:
         assert not check(place, read_data=True).findings
     assert slowest <= 5.0, slowest
     return {"stops": count, "slowest_seconds": round(slowest, 2)}
+
+
+def _as_in_a_terminal() -> None:
+    """What runs in the background, as the soak may, is made deaf to these, and so are its children."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
