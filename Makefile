@@ -34,12 +34,12 @@ check: $(READY)
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -n 2
 
-# The long tier of the reliability tests, for hours; SHARE=0.1 runs a tenth of it, in half an hour.
+# The long tier of the reliability tests, for hours; SHARE=0.1 runs a tenth of it.
 SHARE ?= 1
 soak: $(READY)
 	$(BIN)/python tests/soak.py --share $(SHARE)
 
-# Learning and transfer over seeds, and speed: half an hour. The ablations take an hour, the maze two.
+# Learning and transfer over seeds, and speed; ablations and the maze take longer still.
 bench: BENCH := learning sb3_reference training_speed engine_speed greedy_lengths
 bench-ablations: BENCH := ablations
 bench-maze: BENCH := maze

@@ -93,3 +93,13 @@ def gradient_step(
         parameters = [p for group in optimiser.param_groups for p in group["params"]]
         nn.utils.clip_grad_norm_(parameters, max_norm)
     optimiser.step()
+
+
+def load_named(networks: nn.Module, state: dict[str, torch.Tensor]) -> None:
+    """Takes the networks' tensors from `state`, which may hold others too.
+
+    Raises:
+        RuntimeError: If one is missing or has another shape.
+    """
+    own = networks.state_dict()
+    networks.load_state_dict({name: value for name, value in state.items() if name in own})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from paddlectl.learners.buffers import TARGET, RolloutBuffer, generalised_advantages
-from paddlectl.learners.networks import gradient_step, mlp
+from paddlectl.learners.networks import gradient_step, load_named, mlp
 
 
 @dataclass(frozen=True)
@@ -131,18 +131,16 @@ class PPO:
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.learning_rate * share
 
+    def _networks(self) -> nn.ModuleDict:
+        return nn.ModuleDict({"actor": self.actor, "critic": self.critic})
+
     def state(self) -> dict[str, torch.Tensor]:
         """The networks' tensors by name."""
-        return {
-            f"{name}.{key}": value
-            for name, network in (("actor", self.actor), ("critic", self.critic))
-            for key, value in network.state_dict().items()
-        }
+        return dict(self._networks().state_dict())
 
     def load(self, state: dict[str, torch.Tensor]) -> None:
         """Takes the networks' tensors from `state`."""
-        for name, network in (("actor", self.actor), ("critic", self.critic)):
-            _load_network(network, name, state)
+        load_named(self._networks(), state)
 
     @torch.no_grad()
     def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
@@ -199,8 +197,3 @@ class PPO:
     def _value_loss(self, observations: torch.Tensor, returns: torch.Tensor) -> torch.Tensor:
         error: torch.Tensor = self.critic(observations).squeeze(-1) - returns
         return self.settings.value_coef * error.square().mean()
-
-
-def _load_network(network: nn.Module, name: str, state: dict[str, torch.Tensor]) -> None:
-    prefix = f"{name}."
-    network.load_state_dict({k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)})

@@ -13,7 +13,7 @@ from torch import nn
 
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.learners.exploration import Errands
-from paddlectl.learners.networks import HIDDEN, GoalFeatures, gradient_step, mlp
+from paddlectl.learners.networks import HIDDEN, GoalFeatures, gradient_step, load_named, mlp
 from paddlectl.learners.replay import Hindsight, Replay, Transitions
 
 Floats = NDArray[np.float32]
@@ -248,21 +248,16 @@ class TD3:
         share = s.final_rate + (1.0 - s.final_rate) * self._left
         return s.learning_rate * share * (s.inherited_rate if self._skilled else 1.0)
 
+    def _networks(self) -> nn.ModuleDict:
+        return nn.ModuleDict({"online": self.online, "slow": self.slow})
+
     def state(self) -> dict[str, torch.Tensor]:
         """The networks' tensors by name."""
-        return {
-            f"{name}.{key}": value
-            for name, networks in (("online", self.online), ("slow", self.slow))
-            for key, value in networks.state_dict().items()
-        }
+        return dict(self._networks().state_dict())
 
     def load(self, state: dict[str, torch.Tensor]) -> None:
         """Takes the networks' tensors from `state`."""
-        for name, networks in (("online", self.online), ("slow", self.slow)):
-            prefix = f"{name}."
-            networks.load_state_dict(
-                {key.removeprefix(prefix): value for key, value in state.items() if key.startswith(prefix)}
-            )
+        load_named(self._networks(), state)
 
     def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
         """Starts from another's networks; there are no odds to be weakened, for noise explores here."""
