@@ -57,8 +57,8 @@ _DEVIATIONS = {
     "saturation_cost": 1.0,
 }
 _OF_TASK: Mapping[str, Preset] = {
-    "CoffeeMaze": Preset(20, {"frames": 2_000_000}),
-    "MailMaze": Preset(20, {"frames": 1_000_000}),
+    "CoffeeMaze": Preset(20, {"frames": 4_000_000}),
+    "MailMaze": Preset(20, {"frames": 2_000_000}),
     "CoffeeMailMaze": Preset(
         5,
         {
