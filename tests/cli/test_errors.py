@@ -54,6 +54,9 @@ def test_usage(registry: Registry, command: Command, line: str, told: str) -> No
 
 MISSING = [
     ("train BoxDor", "did you mean BoxDoor"),
+    ("train BoxDoor --preset paper", "it has none: leave out --preset"),
+    ("train MailMaze --preset papr", "MailMaze has no preset papr"),
+    ("train MailMaze --preset papr", "its presets: paper"),
     ("similarity --target BoxDor", "did you mean BoxDoor"),
     ("show policy-9", "no policy policy-9"),
     ("show DoorBall", "run: paddlectl train DoorBall"),

@@ -8,7 +8,9 @@ import pytest
 from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError
 from paddlectl.experiments import sources, transfers
 from paddlectl.experiments.jobs import TrainJob, TransferJob
-from paddlectl.hybrid.policy import settings_for
+from paddlectl.experiments.log import recorded
+from paddlectl.hybrid.policy import HybridPolicy, settings_for
+from paddlectl.learners.td3 import TD3Settings
 from paddlectl.registry.store import Registry
 from paddlectl.report.explanation import explanation_document
 from paddlectl.scenario import load_scenario
@@ -76,11 +78,33 @@ def test_what_is_missing_is_told_with_the_extra(monkeypatch: pytest.MonkeyPatch)
     assert told.value.hint == "run: pip install 'paddlectl[maze]'"
 
 
-def test_the_presets() -> None:
-    from paddlectl.tasks.maze2d.engine import make_task
+@pytest.mark.parametrize("name", ["CoffeeMaze", "MailMaze"])
+def test_the_preset_of_the_paper_takes_every_deviation_back(name: str) -> None:
+    task = load(name)
+    usual, paper = settings_for(task), settings_for(task, task.presets["paper"])
+    assert paper.low_level == TD3Settings() != usual.low_level
+    assert (paper.repeat, usual.repeat) == (1, 20)
 
-    paper = make_task("CoffeeMaze", "paper")
-    settings = settings_for(paper).low_level
-    assert (paper.make(1, 0).repeat, paper.learner) == (1, "td3")
-    assert settings == type(settings)()
-    assert settings_for(load("CoffeeMaze")).low_level != settings
+
+def test_a_policy_is_revived_by_the_preset_that_it_was_learned_with(tmp_path: Path) -> None:
+    with Registry.open(tmp_path) as registry:
+        task = load("MailMaze")
+        paper = settings_for(task, task.presets["paper"])
+        for preset in (None, "paper"):
+            run = registry.add_run(
+                kind="train",
+                method="hdm",
+                task=task.name,
+                scenario=None,
+                sources=(),
+                seed=0,
+                settings={"preset": preset},
+                versions={},
+            )
+            policy = HybridPolicy(task, 0, paper if preset else settings_for(task))
+            with recorded(registry, run) as log:
+                log.results = {}
+                sources.keep(registry, run, policy, log)
+        learned, usual = registry.policies()
+        assert sources.revive(registry, learned).settings == paper
+        assert sources.revive(registry, usual).settings == settings_for(task)

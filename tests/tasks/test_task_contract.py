@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from paddlectl.errors import NotFoundError
+from paddlectl.hybrid.policy import settings_for
 from paddlectl.logic.atoms import Literal
 from paddlectl.logic.templates import scenes
 from paddlectl.tasks import suite
@@ -52,7 +53,7 @@ PLAYERS = {"minigrid": AtRandom, "maze2d": lambda rng: Walker(rng=rng)}
 def play(name: str, seed: int = 0, steps: int = 400):
     """A rollout: (environment after the step, actions, step), finished lanes restarted afterwards."""
     task = suite.load(name)
-    env = task.make(LANES, seed)
+    env = task.make(LANES, seed, settings_for(task).repeat)
     player = PLAYERS[task.domain](np.random.default_rng(seed))
     for _ in range(2 * steps // (1 + env.repeat)):
         actions = player.act(env)
@@ -197,9 +198,30 @@ def test_a_finished_lane_rests(name):
 
 
 @TASKS
+def test_an_action_that_lasts_is_the_same_action_several_times(name):
+    task, rng = suite.load(name), np.random.default_rng(0)
+    lasting, single = task.make(LANES, 0, repeat=4), task.make(LANES, 0)
+    assert (lasting.repeat, single.repeat) == (4, 1)
+    ended = False
+    for _ in range(1000):
+        actions = lasting.actions.sample(rng, LANES)
+        whole, parts = lasting.step(actions), [single.step(actions) for _ in range(4)]
+        for told, each in zip(whole, zip(*parts, strict=True), strict=True):
+            np.testing.assert_allclose(told, np.sum(each, axis=0), rtol=1e-6)
+        np.testing.assert_array_equal(lasting.t, single.t)
+        np.testing.assert_array_equal(lasting.valuation(), single.valuation())
+        done = whole.terminated | whole.truncated
+        ended |= bool(done.any())
+        lasting.reset(done)
+        single.reset(done)
+    assert ended
+
+
+@TASKS
 def test_equal_seeds_give_equal_trajectories(name):
     def trace(seed: int, actions_seed: int) -> bytes:
-        env = suite.load(name).make(LANES, seed)
+        task = suite.load(name)
+        env = task.make(LANES, seed, settings_for(task).repeat)
         rng = np.random.default_rng(actions_seed)
         trace = []
         for _ in range(660 // (1 + env.repeat)):

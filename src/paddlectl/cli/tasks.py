@@ -19,6 +19,7 @@ def tasks(as_json: AsJson = False) -> None:
             "heads": [str(head) for head in task.heads],
             "vocabulary": [str(atom) for atom in task.vocabulary.atoms],
             "summary": task.summary,
+            "presets": list(task.presets),
         }
         for task in map(load, names())
     ]

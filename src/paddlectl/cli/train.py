@@ -13,6 +13,7 @@ from paddlectl.cli.options import (
     chosen_seeds,
     complete_tasks,
 )
+from paddlectl.errors import NotFoundError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,6 +39,10 @@ def train(
         int | None,
         typer.Option(min=1, metavar="N", help="At most so many environment steps.", show_default=False),
     ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Settings other than what fits the task best.", show_default=False),
+    ] = None,
     checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
@@ -46,26 +51,33 @@ def train(
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRAINED, table
 
-    rows = run_training(train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames), registry, checkpoint_every)
+    jobs = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset)
+    rows = run_training(jobs, registry, checkpoint_every)
     if as_json:
         print_json({"runs": rows})
     else:
         print_text([table(TRAINED, rows, "Trained"), f"next: paddlectl show {rows[0]['policy']}"])
 
 
-def train_jobs(tasks: "Sequence[str]", seeds: "Sequence[int]", frames: int | None = None) -> "list[TrainJob]":
+def train_jobs(
+    tasks: "Sequence[str]", seeds: "Sequence[int]", frames: int | None = None, preset: str | None = None
+) -> "list[TrainJob]":
     """One job for each task and seed, the tasks of one seed together.
 
     Raises:
-        NotFoundError: If there is no such task.
+        NotFoundError: If there is no such task, or one of them has no such preset.
     """
     from paddlectl.tasks.suite import load
 
-    names = list(dict.fromkeys(load(task).name for task in tasks))
+    known = {load(task).name: load(task).presets for task in tasks}
+    for name, presets in known.items():
+        if preset is not None and preset not in presets:
+            has = f"its presets: {', '.join(presets)}" if presets else "it has none: leave out --preset"
+            raise NotFoundError(f"{name} has no preset {preset}", has)
 
     from paddlectl.experiments.jobs import TrainJob
 
-    return [TrainJob(task=name, seed=seed, frames=frames) for seed in seeds for name in names]
+    return [TrainJob(task=name, seed=seed, frames=frames, preset=preset) for seed in seeds for name in known]
 
 
 def run_training(

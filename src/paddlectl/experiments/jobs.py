@@ -15,12 +15,14 @@ class TrainJob:
     Attributes:
         frames: None is the usual budget.
         hybrid: What shall differ from the settings that fit the task, as `{"credit": {"planned": False}}`.
+        preset: One of the task's, instead of what fits it best.
     """
 
     task: str
     seed: int
     frames: int | None = None
     hybrid: Mapping[str, Any] = field(default_factory=dict)
+    preset: str | None = None
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
     try:
         hybrid = _as_begun(told["hybrid"])
         if run.kind == "train":
-            return TrainJob(run.task, run.seed, told["frames"], hybrid)
+            return TrainJob(run.task, run.seed, told["frames"], hybrid, told.get("preset"))
         return TransferJob(
             scenario=Scenario.model_validate_json(json.dumps(told["scenario"])),
             sources=run.sources,

@@ -2,7 +2,7 @@
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import safetensors
@@ -18,6 +18,7 @@ from paddlectl.hybrid.rollout import Episode
 from paddlectl.logic.syntax import format_program
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
+from paddlectl.tasks.base import Task
 from paddlectl.tasks.suite import load
 
 RECENT = 500
@@ -42,7 +43,7 @@ def train_source(
         A row of `train --json`.
     """
     task = load(job.task)
-    settings = settings_for(task, job.hybrid)
+    settings = settings_for(task, preset(task, job.preset), job.hybrid)
     frames = job.frames or settings.frames
     pace = pace or Pace()
     run = pace.begin(
@@ -54,7 +55,7 @@ def train_source(
             scenario=None,
             sources=(),
             seed=job.seed,
-            settings={"frames": frames, "hybrid": dataclasses.asdict(settings)},
+            settings={"frames": frames, "preset": job.preset, "hybrid": dataclasses.asdict(settings)},
             versions=versions(),
         ),
     )
@@ -79,6 +80,15 @@ def train_source(
         "mean_score": kept.mean_score,
         "crispness": kept.crispness,
     }
+
+
+def preset(task: Task, name: str | None) -> Mapping[str, Any]:
+    """What that preset of the task's changes; None changes nothing.
+
+    Raises:
+        KeyError: If the task has no such preset.
+    """
+    return task.presets[name] if name else {}
 
 
 def random_source(task: str, seed: int, registry: Registry) -> PolicyRecord:
@@ -128,6 +138,7 @@ def keep(registry: Registry, run: RunRecord, policy: HybridPolicy, log: RunLog) 
     if known and registry.policy(known).checkpoint == hashlib.sha256(data).hexdigest():
         return registry.policy(known)
     result = training.evaluate(policy, task, EVALUATION_EPISODES, EVALUATION_SEED)
+    chosen = {"preset": run.settings["preset"]} if run.settings.get("preset") else {}
     return registry.add_policy(
         run=run.id,
         task=task.name,
@@ -141,7 +152,11 @@ def keep(registry: Registry, run: RunRecord, policy: HybridPolicy, log: RunLog) 
         mean_score=result.mean_score,
         mean_length=result.mean_length,
         crispness=result.crispness,
-        metadata={"heads": [str(h) for h in task.heads], "atoms": [str(a) for a in task.vocabulary.atoms]},
+        metadata={
+            "heads": [str(h) for h in task.heads],
+            "atoms": [str(a) for a in task.vocabulary.atoms],
+            **chosen,
+        },
     )
 
 
@@ -158,10 +173,11 @@ def revive(registry: Registry, record: PolicyRecord) -> HybridPolicy:
         IntegrityError: If the checkpoint isn't what was stored, or of another shape than its task asks for.
     """
     task = load(record.task)
-    policy = HybridPolicy(task, record.seed, settings_for(task))
     try:
+        settings = settings_for(task, preset(task, record.metadata.get("preset")))
+        policy = HybridPolicy(task, record.seed, settings)
         policy.load(safetensors.torch.load(registry.read_checkpoint(record)))
-    except (RuntimeError, KeyError, safetensors.SafetensorError) as error:
+    except (RuntimeError, KeyError, TypeError, safetensors.SafetensorError) as error:
         raise IntegrityError(
             f"the checkpoint of {record.id} doesn't fit {record.task} as this version defines it",
             f"train it again: paddlectl train {record.task}",

@@ -28,12 +28,14 @@ class HybridSettings:
         lanes: Environments side by side.
         block: Steps of every lane between two updates. Twice as many updates of half the samples cost the
             same and learn faster.
+        repeat: Steps of the task that one action of the low level lasts.
         sharpness: Power of the head probabilities when a learned program is played.
     """
 
     frames: int = 130_000
     lanes: int = 64
     block: int = 32
+    repeat: int = 1
     sharpness: float = 3.0
     credit: CreditSettings = field(default_factory=CreditSettings)
     clauses: ClauseSettings = field(default_factory=ClauseSettings)

@@ -121,7 +121,7 @@ def learn(
         witnesses: Told of the decisions, besides the policy's own credit.
     """
     settings = policy.settings
-    environment = policy.task.make(settings.lanes, int(layouts.generate_state(1)[0]))
+    environment = policy.task.make(settings.lanes, int(layouts.generate_state(1)[0]), settings.repeat)
     credit = policy.credit()
     rollout = Rollout(
         environment,
@@ -143,7 +143,7 @@ def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Eval
     The task may be another than the policy's, of the same domain: its facts are then read in the policy's
     own vocabulary.
     """
-    environment = task.make(episodes, seed)
+    environment = task.make(episodes, seed, policy.settings.repeat)
     chooser = OwnProgram(policy, np.random.default_rng(seed), policy.settings.sharpness)
     rollout = Rollout(
         environment,

@@ -1,6 +1,6 @@
 """What a task is to the rest of the house: symbols, subgoals, and a batch of environments."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -70,6 +70,15 @@ class Step(NamedTuple):
     terminated: Bools
     truncated: Bools
 
+    def then(self, other: "Step") -> "Step":
+        """Both steps as one."""
+        return Step(
+            self.reward + other.reward,
+            self.score + other.score,
+            self.terminated | other.terminated,
+            self.truncated | other.truncated,
+        )
+
 
 class Environment(Protocol):
     """B lanes of one task, stepped together. A finished lane stays as it is until `reset`.
@@ -94,7 +103,7 @@ class Environment(Protocol):
         """Draws new layouts for the masked lanes; for all if None. [B]"""
 
     def step(self, actions: NDArray[Any]) -> Step:
-        """Applies one action a lane. [B, ...]"""
+        """Applies one action a lane, for `repeat` steps. [B, ...]"""
 
     def valuation(self) -> Bools:
         """E(s): the truth of every atom of the vocabulary, in its order. [B, P]"""
@@ -115,6 +124,12 @@ class Environment(Protocol):
         """
 
 
+class Make(Protocol):
+    """Makes a reset environment; equal seeds give equal layouts."""
+
+    def __call__(self, lanes: int, seed: int, repeat: int = 1) -> Environment: ...
+
+
 @dataclass(frozen=True)
 class Task:
     """A task by its symbols, and how to make its environments.
@@ -127,10 +142,11 @@ class Task:
         vocabulary: The body atoms.
         heads: The subgoals that its programs may name.
         domain_heads: All subgoals of the domain; fixes the order of the one-hot in observations.
-        make: `make(lanes, seed)` gives a reset environment; equal seeds give equal layouts.
+        make: Its environments.
         learner: Of the low level that fits its actions, `ppo` or `td3`.
         guidance: Where guidance on it differs from `GuidanceSettings`.
         settings: Where learning it differs from `HybridSettings`, as `{"decisions": {"max_steps": 500}}`.
+        presets: Other ways to learn it, by name, as what differs from `settings`.
     """
 
     name: str
@@ -140,7 +156,8 @@ class Task:
     vocabulary: Vocabulary
     heads: tuple[Atom, ...]
     domain_heads: tuple[Atom, ...]
-    make: Callable[[int, int], Environment]
+    make: Make
     learner: str = "ppo"
     settings: Mapping[str, Any] = field(default_factory=dict)
+    presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     guidance: Mapping[str, Any] = field(default_factory=dict)

@@ -12,7 +12,7 @@ from paddlectl.tasks.maze2d import symbols
 from paddlectl.tasks.maze2d.layouts import HORIZON, PLACES, RADIUS, SPECS, Points, Spec, draw_starts
 from paddlectl.tasks.maze2d.observe import OBSERVATION_SIZE, observe
 from paddlectl.tasks.maze2d.physics import PointMasses
-from paddlectl.tasks.maze2d.settings import GUIDANCE, PRESETS
+from paddlectl.tasks.maze2d.settings import GUIDANCE, PRESETS, SETTINGS
 
 ERRAND_REWARD = 10.0
 """For getting a thing, and again for delivering it."""
@@ -137,9 +137,9 @@ def _touched(positions: Points) -> Bools:
     return touched
 
 
-def make_task(name: str, preset: str = "default") -> Task:
-    """The task of that name, to be learned by this preset."""
-    spec, (repeat, settings) = SPECS[name], PRESETS[preset](name)
+def make_task(name: str) -> Task:
+    """The task of that name."""
+    spec = SPECS[name]
     return Task(
         name=name,
         domain="maze2d",
@@ -148,8 +148,9 @@ def make_task(name: str, preset: str = "default") -> Task:
         vocabulary=Vocabulary(spec.atoms, symbols.exclusions(spec.atoms)),
         heads=spec.heads,
         domain_heads=symbols.HEADS,
-        make=partial(Engine, spec, repeat=repeat),
+        make=partial(Engine, spec),
         learner="td3",
-        settings=settings,
+        settings=SETTINGS[name],
+        presets=PRESETS,
         guidance=GUIDANCE,
     )

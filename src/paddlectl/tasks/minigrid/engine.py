@@ -82,16 +82,19 @@ class Engine:
         spec: The task.
         lanes: How many are stepped together.
         seed: Of the layouts: equal seeds give the same layouts in the same order.
+        repeat: Steps that one action lasts, unless the episode ends before.
         milestone_reward: What each milestone pays; 0 gives the sparse variant.
     """
 
     observation_size = OBSERVATION_SIZE
     actions = Actions(ACTIONS)
-    repeat = 1
 
-    def __init__(self, spec: Spec, lanes: int, seed: int, milestone_reward: float = 0.1) -> None:
+    def __init__(
+        self, spec: Spec, lanes: int, seed: int, repeat: int = 1, milestone_reward: float = 0.1
+    ) -> None:
         self.spec = spec
         self.lanes = lanes
+        self.repeat = repeat
         self._rng = np.random.default_rng(seed)
         self._observer = Observer(lanes)
         self._bases: Ints = np.arange(lanes) * CELLS
@@ -141,13 +144,19 @@ class Engine:
         self._finished[lanes] = False
 
     def step(self, actions: Ints) -> Step:
-        """Applies one action a lane. [B]
+        """Applies one action a lane, for `repeat` steps. [B]
 
         Raises:
             ValueError: If an action isn't one of the seven.
         """
         if actions.min() < 0 or actions.max() >= ACTIONS:
             raise ValueError("an action lies in 0..6")
+        step = self._step(actions)
+        for _ in range(self.repeat - 1):
+            step = step.then(self._step(actions))
+        return step
+
+    def _step(self, actions: Ints) -> Step:
         running = ~self._finished
         self._act(np.where(running, actions, Action.STAY))
         self.t += running
