@@ -77,9 +77,9 @@ def test_one_weight_leaves_the_rest_to_the_other(registry: Registry, command: Co
 def test_tasks(command: Command) -> None:
     tasks = command("tasks", "--json").json["tasks"]
     assert len(tasks) == 10
-    assert all(
-        list(task) == ["name", "domain", "horizon", "heads", "vocabulary", "summary"] for task in tasks
-    )
+    columns = ["name", "domain", "horizon", "heads", "vocabulary", "summary", "presets"]
+    assert all(list(task) == columns for task in tasks)
+    assert {task["name"] for task in tasks if task["presets"]} == {"CoffeeMaze", "MailMaze", "CoffeeMailMaze"}
     box_door = next(task for task in tasks if task["name"] == "BoxDoor")
     assert box_door["heads"] == ["gt_box()", "gt_key()", "gt_door()"]
     assert box_door["horizon"] == 320
