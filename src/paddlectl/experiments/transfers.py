@@ -10,7 +10,7 @@ from paddlectl.errors import IntegrityError, InvalidFileError
 from paddlectl.experiments.jobs import Progress, TransferJob
 from paddlectl.experiments.log import WINDOW, curve_figures, recorded, versions
 from paddlectl.experiments.pace import Pace
-from paddlectl.experiments.sources import keep, revive
+from paddlectl.experiments.sources import keep, preset, revive
 from paddlectl.hybrid import training
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, settings_for
 from paddlectl.hybrid.rollout import Episode
@@ -20,7 +20,7 @@ from paddlectl.logic.syntax import parse_program
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Similarity
-from paddlectl.tasks.base import Task
+from paddlectl.tasks.base import GUIDED, Task
 from paddlectl.tasks.suite import load
 from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.account import Account
@@ -45,7 +45,7 @@ def run_transfer(
     """
     task = load(job.scenario.target)
     paper = {"decisions": {"patience": 1.0}} if job.scenario.guidance.mode == "paper" else {}
-    settings = settings_for(task, job.hybrid, paper)
+    settings = settings_for(task, preset(task, _way(job, task)), job.hybrid, paper)
     pace = pace or Pace()
     run = pace.begin(registry, lambda: _new_run(job, task, settings, registry))
     with recorded(registry, run) as log:
@@ -87,12 +87,18 @@ def _new_run(job: TransferJob, task: Task, settings: HybridSettings, registry: R
         seed=job.seed,
         settings={
             "frames": job.frames,
+            "preset": _way(job, task),
             "scenario": job.scenario.model_dump(mode="json"),
             "hybrid": dataclasses.asdict(settings),
             "guidance": dataclasses.asdict(_rules(job, task)),
         },
         versions=versions(),
     )
+
+
+def _way(job: TransferJob, task: Task) -> str | None:
+    """The preset by which the target is learned."""
+    return GUIDED if job.method == "paddle" and GUIDED in task.presets else None
 
 
 def _rules(job: TransferJob, task: Task) -> GuidanceSettings:

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from paddlectl.logic.atoms import Atom, Literal
 
+GUIDED = "guided"
+"""The preset of a task, if it has one, by which it is learned from guides."""
+
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
 Floats = NDArray[np.float32]

@@ -1,8 +1,9 @@
-"""How the maze is learned: what fits each task, and the preset `paper`."""
+"""How the maze is learned: what fits it, and the presets `paper` and `guided`."""
 
 from collections.abc import Mapping
 from typing import Any
 
+from paddlectl.tasks.base import GUIDED
 from paddlectl.tasks.maze2d.layouts import COLUMNS, RADIUS, ROWS
 
 GOAL_REWARD = 10.0
@@ -34,19 +35,18 @@ _DEVIATIONS: Mapping[str, tuple[Any, Any]] = {
 _TABLE_1 = {name: values[0] for name, values in _DEVIATIONS.items()}
 _LOW_LEVEL = {name: values[1] for name, values in _DEVIATIONS.items()}
 
-_DECISIONS = {
-    "max_steps": 500,
-    "patience": 0.7,
-    "reward_unit": 100.0,
-    "reached_reward": GOAL_REWARD,
-    "delay_cost": 0.0,
-    "failed_reward": 0.0,
-}
 _USUAL: Mapping[str, Any] = {
     "lanes": 32,
     "block": 8,
     "repeat": 20,
-    "decisions": _DECISIONS,
+    "decisions": {
+        "max_steps": 500,
+        "patience": 0.7,
+        "reward_unit": 100.0,
+        "reached_reward": GOAL_REWARD,
+        "delay_cost": 0.0,
+        "failed_reward": 0.0,
+    },
     "clauses": {"step_discount": 0.999},
     "low_level": _LOW_LEVEL,
 }
@@ -54,38 +54,35 @@ _USUAL: Mapping[str, Any] = {
 SETTINGS: Mapping[str, Mapping[str, Any]] = {
     "CoffeeMaze": {**_USUAL, "frames": 4_000_000},
     "MailMaze": {**_USUAL, "frames": 2_000_000},
-    "CoffeeMailMaze": {
-        "frames": 500_000,
-        "lanes": 1,
-        "block": 256,
-        "repeat": 5,
-        "decisions": {**_DECISIONS, "reward_unit": 70.0},
-        "clauses": {"step_discount": 0.998},
-        "low_level": {
-            **_LOW_LEVEL,
-            "learning_rate": 3e-4,
-            "discount": 0.98,
-            "span": 100,
-            "errand_steps": 40.0,
-        },
-    },
+    "CoffeeMailMaze": {**_USUAL, "frames": 4_000_000},
 }
 """What differs from `HybridSettings`, by task: whatever made it learn sooner.
 
 An action that lasts 20 steps (0.2 s) takes the ball about a cell on, so that a way through the maze is a
-dozen actions long and each of them makes a difference. Once it is known, the same ways are gone a tenth
-faster with an action every 5 steps, and the target has little time to lose. The discount is the same for
-the same time.
-
-The target plays in one lane: of many that start at once, all would make the same mistakes. It keeps the
-ways that it inherits: hindsight has taught its source to go from most places to most others, and the few
-updates that a transfer has time for unlearn some of them rather than add to them. A step costs 0.09 of a
-score near 40, hence its discount. Rewards are counted such that what the first order of play that works is
-worth stays below ψ in most scenes, so that guides which weren't asked there yet are asked once.
+dozen actions long and each of them makes a difference.
 """
 
-PRESETS: Mapping[str, Mapping[str, Any]] = {"paper": {"repeat": 1, "low_level": _TABLE_1}}
-"""What differs from the usual: `paper` is Table 1 to the letter, with no promise of when it has learned."""
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    "paper": {"repeat": 1, "low_level": _TABLE_1},
+    GUIDED: {
+        "lanes": 1,
+        "block": 256,
+        "repeat": 5,
+        "decisions": {"reward_unit": 60.0},
+        "clauses": {"step_discount": 0.998},
+        "low_level": {"learning_rate": 3e-4, "discount": 0.98, "span": 100, "errand_steps": 40.0},
+    },
+}
+"""What differs from that: `paper` is Table 1 to the letter, with no promise of when it has learned.
+
+`guided` is how a target is learned from guides. The ways that they know are gone a tenth faster with an action
+every 5 steps; the discount is the same for the same time. One lane plays: of many that start at once, all
+would make the same mistakes. It keeps the ways that it inherits (`inherited_rate`): hindsight has taught its
+source to go from most places to most others, and the few updates that a transfer has time for unlearn some of
+them rather than add to them. A step costs 0.09 of a score near 40, hence its discount. Rewards are counted
+such that what the first order of play that works is worth stays below ψ in most scenes, so that guides which
+weren't asked there yet are asked once.
+"""
 
 GUIDANCE: Mapping[str, Any] = {"fading": 0.3, "audition_rate": 0.05}
 """A decision that fails takes a third of an episode here, so that guides are soon judged by what came of
