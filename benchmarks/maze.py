@@ -1,14 +1,20 @@
-"""The maze: sources, transfer and scratch over seeds, and each deviation from Table 1 switched off by itself.
+"""The maze: sources, transfer and scratch over seeds, and each deviation from Table 1 taken back by itself.
 
 Runs go one after the other through `experiments.processes.run_jobs`, which `paddlectl train` and `transfer`
 call; each is merged into the JSON result as soon as it is done, with the CPU time of its process beside its
-wall time. A transfer takes the best policy of each source, as `paddlectl transfer` does.
+wall time. Success and length are on 200 starts that no training used. The parts:
+
+    sources    both sources
+    paddle     the target from the best policy of each source, as `paddlectl transfer` takes them
+    pairs      the target from the sources of its own seed
+    hdm        the target from scratch, with as many frames as a transfer
+    scratch    the target from scratch, with as many frames as a source
+    ablations  what of the low level's settings deviates from Table 1, on a source
+    guided     what deviates when a target is learned from guides, from the best policies
 
     python benchmarks/maze.py --parts sources --seeds 0 1 2 3 4 5
-    python benchmarks/maze.py --parts paddle hdm
-    python benchmarks/maze.py --parts ablations --seeds 0
-
-Success and length are on 200 starts that no training used.
+    python benchmarks/maze.py --parts paddle pairs hdm
+    python benchmarks/maze.py --parts ablations --seeds 0 1 2 --frames 1000000
 """
 
 import argparse
@@ -16,6 +22,7 @@ import json
 import resource
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +34,7 @@ from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 
 HERE = Path(__file__).parent
-PARTS = ("sources", "paddle", "hdm", "ablations")
+PARTS = ("sources", "paddle", "pairs", "hdm", "scratch", "ablations", "guided")
 SOURCES = ("CoffeeMaze", "MailMaze")
 SCENARIO = "maze"
 FIRST = 50
@@ -35,43 +42,70 @@ Result = dict[str, Any]
 
 # A deviation from Table 1 -> what takes it back (or the nearest that still lets values stay finite).
 ABLATIONS: Mapping[str, Mapping[str, Any]] = {
-    "learning_rate": {"learning_rate": 2e-4, "final_rate": 1.0},
-    "final_rate": {"final_rate": 1.0},
-    "optimiser": {"optimiser": "rmsprop"},
-    "discount": {"discount": 0.99},
-    "hidden": {"hidden": (400, 400, 400)},
-    "normalised": {"normalised": False},
-    "tracking": {"tracking": 0.005},
-    "update_every": {"update_every": 2},
-    "random_actions": {"random_actions": 0.0},
-    "errands": {"errands": 0.0},
-    "grid": {"grid": ()},
-    "hindsight": {"hindsight": 0.0, "other_goals": 0.0},
-    "lower_bound": {"lower_bound": False},
-    "saturation_cost": {"saturation_cost": 0.0},
+    "nothing": {},
+    # As long and as many updates as before, in time.
+    "repeat": {
+        "repeat": 1,
+        "block": 160,
+        "low_level": {"discount": 0.92 ** (1 / 20), "span": 1000, "errand_steps": 240.0, "update_every": 320},
+    },
+    "learning_rate": {"low_level": {"learning_rate": 2e-4, "final_rate": 1.0}},
+    "final_rate": {"low_level": {"final_rate": 1.0}},
+    "optimiser": {"low_level": {"optimiser": "rmsprop"}},
+    "discount": {"low_level": {"discount": 0.99}},
+    "update_every": {"low_level": {"update_every": 2}},
+    "tracking": {"low_level": {"tracking": 0.005}},
+    "hidden": {"low_level": {"hidden": (400, 400, 400)}},
+    "normalised": {"low_level": {"normalised": False}},
+    "exploration": {"low_level": {"exploration": 0.1}},
+    "random_actions": {"low_level": {"random_actions": 0.0}},
+    "errands": {"low_level": {"errands": 0.0}},
+    "grid": {"low_level": {"grid": ()}},
+    "hindsight": {"low_level": {"hindsight": 0.0, "other_goals": 0.0}},
+    "lower_bound": {"low_level": {"lower_bound": False}},
+    "saturation_cost": {"low_level": {"saturation_cost": 0.0}},
+}
+# A setting of the preset `guided` -> the usual one in its place.
+GUIDED: Mapping[str, Mapping[str, Any]] = {
+    "lanes": {"lanes": 32, "block": 8},
+    "repeat": {"repeat": 20},
+    "reward_unit": {"decisions": {"reward_unit": 100.0}},
+    "step_discount": {"clauses": {"step_discount": 0.999}},
+    "imitation_margin": {"credit": {"imitation_margin": 0.0}},
+    "cloning": {"low_level": {"cloning": False}},
 }
 
 
 def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[tuple[str, Job]]:
     """What is to be run, with the name of its result, one seed after the other."""
     scenario = scenario_of(SCENARIO)
-    frames = options.frames or scenario.frames
+    target, frames = scenario.target, options.frames or scenario.frames
     for seed in options.seeds:
+        transfer = partial(TransferJob, scenario, seed=seed, frames=frames)
         if "sources" in options.parts:
             for task in options.tasks:
                 yield f"source {task} seed {seed}", TrainJob(task, seed, options.frames)
         if "paddle" in options.parts:
-            sources = best_sources(registry, scenario)
-            yield (
-                f"paddle {scenario.target} seed {seed}",
-                TransferJob(scenario, sources, "paddle", seed, frames),
-            )
+            job = transfer(sources=best_sources(registry, scenario), method="paddle")
+            yield f"paddle {target} seed {seed}", job
+        if "pairs" in options.parts:
+            yield f"pairs {target} seed {seed}", transfer(sources=sources_of(registry, seed), method="paddle")
         if "hdm" in options.parts:
-            yield f"hdm {scenario.target} seed {seed}", TransferJob(scenario, (), "hdm", seed, frames)
+            yield f"hdm {target} seed {seed}", transfer(sources=(), method="hdm")
+        if "scratch" in options.parts:
+            yield f"scratch {target} seed {seed}", TrainJob(target, seed, options.frames)
         for name in options.ablations if "ablations" in options.parts else ():
-            changes = {"low_level": ABLATIONS[name]}
-            job = TrainJob(options.task, seed, options.frames, changes)
-            yield f"without {name} {options.task} seed {seed}", job
+            source = TrainJob(options.task, seed, options.frames, ABLATIONS[name])
+            yield f"without {name} {options.task} seed {seed}", source
+        for name in GUIDED if "guided" in options.parts else ():
+            job = transfer(sources=best_sources(registry, scenario), method="paddle", hybrid=GUIDED[name])
+            yield f"without {name} {target} seed {seed}", job
+
+
+def sources_of(registry: Registry, seed: int) -> tuple[str, ...]:
+    """The latest policy of each source that was learned with this seed."""
+    latest = {p.task: p.id for p in reversed(registry.policies()) if p.seed == seed}
+    return tuple(latest[task] for task in SOURCES)
 
 
 def figures(registry: Registry, record: RunRecord) -> Result:
@@ -94,6 +128,7 @@ def figures(registry: Registry, record: RunRecord) -> Result:
             "mean_length": policy.mean_length,
         },
         "crispness": policy.crispness,
+        "program": policy.program.splitlines(),
         f"success_first_{FIRST}": _mean(whole[:FIRST], "success", FIRST),
         f"score_first_{FIRST}": _mean(whole[:FIRST], "score", FIRST),
         "success_last_100": _mean(last, "success", 100),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from paddlectl.learners.buffers import RolloutBuffer
+from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.learners.networks import GoalFeatures
 from paddlectl.learners.replay import Transitions
 from paddlectl.learners.td3 import TD3, TD3Settings
@@ -152,13 +152,43 @@ def test_what_is_inherited_is_used_at_once():
     np.testing.assert_allclose(heir.act(seen)[0], expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
-def test_what_is_inherited_is_unlearned_no_faster_than_its_share_of_the_rate(share):
-    heir, rng = TD3(2, 1, 5, TD3Settings(**SMALL, inherited_rate=share)), np.random.default_rng(0)
+def guided_block(rng: np.random.Generator) -> RolloutBuffer:
+    """Guide 1 shows an action, half the named one, and reaches its subgoals; others do something else."""
+    buffer = RolloutBuffer.empty(8, 32, 2, (1,), np.float32)
+    buffer.observations[:] = rng.uniform(-0.8, 0.8, (8, 32, 2))
+    buffer.actions[:] = buffer.observations[..., :1] / 2
+    buffer.guides[:] = 1
+    buffer.ends[:] = buffer.reached[:] = True
+    buffer.guides[:, :8] = TARGET
+    buffer.reached[:, 8:16] = False
+    buffer.actions[:, :16] = 1.0
+    return buffer
+
+
+def test_who_clones_learns_what_guides_did_that_reached_their_subgoal_and_nothing_else():
+    heir = TD3(2, 1, 5, TD3Settings(**SMALL, update_every=16, cloning=True))
     given = {name: value.clone() for name, value in trained(0, blocks=4).state().items()}
     heir.inherit(given, 0.7)
-    heir.anneal(0.0)
-    assert heir.actor_optimiser.param_groups[0]["lr"] == share * heir.settings.learning_rate
-    heir.update(bandit_block(heir, rng))
-    kept = all(torch.equal(value, given[name]) for name, value in heir.state().items())
-    assert kept == (share == 0.0)
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        heir.update(guided_block(rng))
+    seen = rng.uniform(-0.8, 0.8, (200, 2)).astype(np.float32)
+    assert np.abs(heir.frozen().act(seen)[0] - seen[:, :1] / 2).mean() < 0.03
+    critics = [name for name in given if name.startswith("online.critics")]
+    assert critics and all(torch.equal(heir.state()[name], given[name]) for name in critics)
+
+
+def test_who_clones_does_not_explore_and_learns_nothing_by_itself():
+    heir = TD3(2, 1, 5, TD3Settings(**SMALL, cloning=True, exploration=1.0, random_actions=1.0))
+    given = {name: value.clone() for name, value in trained(0, blocks=4).state().items()}
+    heir.inherit(given, 0.7)
+    seen = np.zeros((50, 2), np.float32)
+    assert np.ptp(heir.act(seen)[0]) < 1e-6
+    heir.update(bandit_block(heir, np.random.default_rng(0)))
+    assert all(torch.equal(value, given[name]) for name, value in heir.state().items())
+
+
+def test_who_inherited_nothing_has_nothing_to_clone_upon():
+    learner, rng = TD3(2, 1, 0, TD3Settings(**SMALL, update_every=16, cloning=True)), np.random.default_rng(0)
+    learner.update(bandit_block(learner, rng))
+    assert learner.updates == 16

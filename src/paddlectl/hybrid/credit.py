@@ -33,6 +33,8 @@ class CreditSettings:
         prior: Decisions' worth of belief that a head is worth as much as its scene.
         sweeps: Of policy evaluation before each update.
         steps: Gradient steps on the planned advantages of a block.
+        imitation_margin: A guide's head that is worth this much less than the best is imitated still. One
+            place may lie on the way to another: then a head that is never reached is worth as much.
         batch: Episodes to a Monte-Carlo update.
     """
 
@@ -41,6 +43,7 @@ class CreditSettings:
     prior: float = 3.0
     sweeps: int = 60
     steps: int = 8
+    imitation_margin: float = 0.0
     batch: int = 16
 
 
@@ -96,7 +99,7 @@ class PlannedCredit:
             returns = self._plan.returns(self._values, self._settings.prior)
             self._values = (policy * returns).sum(-1)
         advantages = self._visits[:, None] * (returns - self._values[:, None])
-        best = returns >= returns.max(-1, keepdims=True)
+        best = returns >= returns.max(-1, keepdims=True) - self._settings.imitation_margin
         imitation = self._guided * returns * best
         self._clauses.follow(
             self._by_scene(advantages),

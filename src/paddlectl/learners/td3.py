@@ -43,7 +43,8 @@ class TD3Settings:
         capacity: Transitions that are kept.
         final_rate: Share of the learning rate that is left at the end of the budget; it falls in a straight
             line.
-        inherited_rate: Share of the learning rate once networks were inherited; none keeps them as they are.
+        cloning: Who inherited networks doesn't explore and learns by imitation alone: its actor is drawn to
+            what guides did in decisions that reached their subgoal.
         normalised: Layers are normalised before their ReLU: what a critic makes of states that it has hardly
             seen stays within bounds.
         random_actions: Share of actions drawn at random, from none in the first lane to this in the last: one
@@ -78,7 +79,7 @@ class TD3Settings:
     warm_up: int = 1000
     capacity: int = 1_000_000
     final_rate: float = 1.0
-    inherited_rate: float = 1.0
+    cloning: bool = False
     normalised: bool = False
     random_actions: float = 0.0
     errands: float = 0.0
@@ -125,7 +126,7 @@ class Networks(nn.Module):
 class TD3:
     """A deterministic actor and two critics, each with its own network, and slow copies of all three.
 
-    It learns from all that was done, whoever acted.
+    It learns from all that was done, whoever acted; one that clones, from what guides did alone.
     """
 
     def __init__(
@@ -155,6 +156,8 @@ class TD3:
         It goes on errands, and acts at random, the less the more others act for it.
         """
         s, shape = self.settings, (len(observations), self.actions)
+        if self._clones:
+            return _best(self.online, observations)
         rate: float | NDArray[np.float64] = 0.0 if self._skilled else 1.0
         if self.replay and self._warm(self.replay):
             exploring = self._left * self._own
@@ -174,24 +177,45 @@ class TD3:
         """The same actor as it leads another policy."""
         return self.frozen()
 
+    @property
+    def _clones(self) -> bool:
+        return self._skilled and self.settings.cloning
+
     def _warm(self, replay: Replay) -> bool:
         return len(replay) >= self.settings.warm_up
 
     def update(self, buffer: RolloutBuffer) -> None:
         """Keeps a block of experience, then makes the updates that are due."""
         s = self.settings
+        if self._clones:
+            self._imitate(buffer)
+            return
         if self.replay is None:
             lanes, size = buffer.last_observations.shape
             hindsight = Hindsight(s.goal_size, s.radius, s.goal_reward, s.hindsight, s.other_goals, s.span)
             self.replay = Replay(s.capacity, lanes, size, self.actions, hindsight)
         self.replay.add(buffer)
         self._own = float((buffer.guides == TARGET).mean())
-        if not self._warm(self.replay) or not self._rate():
+        if not self._warm(self.replay):
             return
-        self._due += buffer.rewards.size / s.update_every
-        while self._due >= 1:
-            self._due -= 1
+        for _ in range(self._updates_for(buffer)):
             self._improve(self.replay.sample(s.batch, self.rng))
+
+    def _updates_for(self, buffer: RolloutBuffer) -> int:
+        """How many updates are due with this block; parts of one are left over for the next."""
+        due, self._due = divmod(self._due + buffer.rewards.size / self.settings.update_every, 1.0)
+        return int(due)
+
+    def _imitate(self, buffer: RolloutBuffer) -> None:
+        """The updates that are due, of (π(s) - a)² over what guides did in decisions that they reached."""
+        taught = (buffer.guides != TARGET) & buffer.of_reached_decisions()
+        features = self.online.features(torch.from_numpy(buffer.observations[taught]))
+        actions = torch.from_numpy(buffer.actions[taught])
+        for _ in range(self._updates_for(buffer) if taught.any() else 0):
+            batch = self.rng.integers(len(actions), size=self.settings.batch)
+            error = self.online.actor(features[batch]).tanh() - actions[batch]
+            gradient_step(self.actor_optimiser, error.square().mean())
+            self._track()
 
     def _improve(self, batch: Transitions) -> None:
         """One update of the critics; every `policy_delay`th time also of the actor and the slow copies."""
@@ -246,7 +270,7 @@ class TD3:
         """The present learning rate."""
         s = self.settings
         share = s.final_rate + (1.0 - s.final_rate) * self._left
-        return s.learning_rate * share * (s.inherited_rate if self._skilled else 1.0)
+        return s.learning_rate * share
 
     def _networks(self) -> nn.ModuleDict:
         return nn.ModuleDict({"online": self.online, "slow": self.slow})

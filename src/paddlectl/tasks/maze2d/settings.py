@@ -21,7 +21,7 @@ _DEVIATIONS: Mapping[str, tuple[Any, Any]] = {
     "exploration": (0.1, 0.2),
     "random_actions": (0.0, 0.9),
     "errands": (0.0, 0.5),
-    "inherited_rate": (1.0, 0.0),
+    "cloning": (False, True),
     "capacity": (1_000_000, 400_000),
     "goal_size": (0, 2),
     "radius": (0.0, RADIUS),
@@ -70,18 +70,18 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "repeat": 5,
         "decisions": {"reward_unit": 60.0},
         "clauses": {"step_discount": 0.998},
-        "low_level": {"learning_rate": 3e-4, "discount": 0.98, "span": 100, "errand_steps": 40.0},
+        "credit": {"imitation_margin": 0.02},
     },
 }
 """What differs from that: `paper` is Table 1 to the letter, with no promise of when it has learned.
 
-`guided` is how a target is learned from guides. The ways that they know are gone a tenth faster with an action
-every 5 steps; the discount is the same for the same time. One lane plays: of many that start at once, all
-would make the same mistakes. It keeps the ways that it inherits (`inherited_rate`): hindsight has taught its
-source to go from most places to most others, and the few updates that a transfer has time for unlearn some of
-them rather than add to them. A step costs 0.09 of a score near 40, hence its discount. Rewards are counted
-such that what the first order of play that works is worth stays below ψ in most scenes, so that guides which
-weren't asked there yet are asked once.
+`guided` is how a target is learned from guides. The ways that they know are gone a tenth faster with an
+action every 5 steps. One lane plays: of many that start at once, all would make the same mistakes. Hindsight
+has taught the source that it inherits from to go from most places to most others, and what it lacks it takes
+from the other guides (`cloning`): in the few updates that a transfer has time for, TD3 would unlearn more
+than it would add. A step costs 0.09 of a score near 40, hence its discount. Rewards are counted such that
+what the first order of play that works is worth stays below ψ in most scenes, so that guides which weren't
+asked there yet are asked once.
 """
 
 GUIDANCE: Mapping[str, Any] = {"fading": 0.3, "audition_rate": 0.05}
