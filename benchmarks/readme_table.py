@@ -1,4 +1,4 @@
-"""The tables of benchmarks/learning.json; put between the marks `results` of README.md.
+"""The tables of learning.json and maze.json, put between the marks `results` and `maze` of README.md.
 
 python benchmarks/readme_table.py
 """
@@ -12,7 +12,6 @@ from statistics import median
 from typing import Any
 
 HERE = Path(__file__).parent
-MARKED = re.compile(r"(<!-- results -->\n).*?(<!-- /results -->)", re.DOTALL)
 Run = dict[str, Any]
 Column = tuple[str, Callable[[Sequence[Run]], str]]
 
@@ -78,6 +77,19 @@ _RANDOM: list[Column] = [
     ("area lost", figure("area_lost", ".1%", less_is_better=True)),
 ]
 
+_MAZE: list[Column] = [
+    ("seeds", seeds),
+    ("steps of training", figure("frames", ",.0f", less_is_better=True)),
+    ("success", figure("unseen_starts/success", ".1%", less_is_better=False)),
+    ("score", figure("unseen_starts/mean_score", ".1f", less_is_better=False)),
+    ("steps", figure("unseen_starts/mean_length", ".0f", less_is_better=True)),
+    ("crisp", figure("crispness", ".2f", less_is_better=False)),
+    ("first 50", figure("success_first_50", ".0%", less_is_better=False)),
+    ("score, last 100", figure("score_last_100", ".1f", less_is_better=False)),
+    ("CPU seconds", figure("cpu_seconds", ".0f", less_is_better=True)),
+]
+_ABLATED = [column for column in _MAZE if column[0] not in ("crisp", "first 50")]
+
 
 def tables(results: Run) -> str:
     """Markdown: the sources, what was learned of the targets, that with random sources, how to read it."""
@@ -92,6 +104,30 @@ def tables(results: Run) -> str:
         _reading(list(runs)),
     ]
     return "\n\n".join(part for part in parts if part)
+
+
+def maze_tables(results: Run) -> str:
+    """Markdown: what was learned in the maze, each setting taken back by itself, how to read it."""
+    runs = [{"name": key.rpartition(" seed ")[0], **run} for key, run in results["runs"].items()]
+    ablated = [run for run in runs if run["name"].startswith("without ")]
+    learned = [run for run in runs if run not in ablated]
+    parts = [
+        table("learned", _MAZE, grouped(learned, lambda run: run["name"])),
+        table("taken back", _ABLATED, grouped(ablated, lambda run: run["name"])),
+        "Median over seeds (the worst seed in brackets). Success, score and steps: 200 starts never trained "
+        "on, failures at 1000 steps. First 50: success over the first 50 episodes started. Score, last 100: over "
+        "the last 100 episodes of training, whoever led. "
+        f"{'; '.join(_machines(runs))}; {', '.join(_versions(runs))}; {results['written'][:10]}.",
+    ]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _machines(runs: Sequence[Run]) -> list[str]:
+    return sorted({f"{run['machine']['cpu']}, {run['machine']['cores']} cores" for run in runs})
+
+
+def _versions(runs: Sequence[Run]) -> list[str]:
+    return sorted({f"PyTorch {run['versions']['torch']}" for run in runs})
 
 
 def _what(run: Run) -> str:
@@ -125,8 +161,6 @@ def table(title: str, columns: Sequence[Column], groups: dict[str, list[Run]]) -
 
 
 def _reading(runs: Sequence[Run]) -> str:
-    machines = sorted({f"{run['machine']['cpu']}, {run['machine']['cores']} cores" for run in runs})
-    versions = sorted({f"PyTorch {run['versions']['torch']}" for run in runs})
     days = sorted({run["finished"][:10] for run in runs})
     if not runs:
         return "No runs yet."
@@ -141,20 +175,29 @@ def _reading(runs: Sequence[Run]) -> str:
         "score of the first 100 episodes started; first 200: success over the first 200 started. Frames to "
         "0.9: until 100 episodes that started one after another had ended with that success. Area: mean "
         f"score over the run. {lost}Seconds: one process of two side by side, one thread each. "
-        f"{'; '.join(machines)}; {', '.join(versions)}; {' to '.join(dict.fromkeys((days[0], days[-1])))}."
+        f"{'; '.join(_machines(runs))}; {', '.join(_versions(runs))}; "
+        f"{' to '.join(dict.fromkeys((days[0], days[-1])))}."
     )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--results", type=Path, default=HERE / "learning.json")
+    parser.add_argument("--maze", type=Path, default=HERE / "maze.json")
     parser.add_argument("--readme", type=Path, default=HERE.parent / "README.md")
     options = parser.parse_args()
-    made = tables(json.loads(options.results.read_text()))
     text = options.readme.read_text()
-    if not MARKED.search(text):
-        raise SystemExit(f"{options.readme} has no lines <!-- results --> and <!-- /results -->")
-    options.readme.write_text(MARKED.sub(lambda marks: f"{marks[1]}{made}\n{marks[2]}", text))
+    text = _put(text, "results", tables(json.loads(options.results.read_text())))
+    text = _put(text, "maze", maze_tables(json.loads(options.maze.read_text())))
+    options.readme.write_text(text)
+
+
+def _put(text: str, mark: str, made: str) -> str:
+    """The text with what was made between its marks."""
+    marked = re.compile(rf"(<!-- {mark} -->\n).*?(<!-- /{mark} -->)", re.DOTALL)
+    if not marked.search(text):
+        raise SystemExit(f"the README has no lines <!-- {mark} --> and <!-- /{mark} -->")
+    return marked.sub(lambda marks: f"{marks[1]}{made}\n{marks[2]}", text)
 
 
 if __name__ == "__main__":
