@@ -40,13 +40,13 @@ soak: $(READY)
 	$(BIN)/python tests/soak.py --share $(SHARE)
 
 # Learning and transfer over seeds, and speed; ablations and the maze take longer still.
-bench: BENCH := learning sb3_reference training_speed engine_speed greedy_lengths
-bench-ablations: BENCH := ablations
-bench-maze: BENCH := maze
+bench: BENCH := learning.py sb3_reference.py training_speed.py engine_speed.py greedy_lengths.py
+bench-ablations: BENCH := ablations.py "maze.py --parts ablations --seeds 0 1 2 --frames 1000000"
+bench-maze: BENCH := "maze.py --parts sources paddle pairs hdm" "maze.py --parts scratch guided --seeds 0 1 2"
 
 bench bench-ablations bench-maze: $(READY)
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev,maze,bench]'
-	@for script in $(BENCH); do echo "== $$script"; $(BIN)/python "benchmarks/$$script.py" || exit 1; done
+	@for script in $(BENCH); do echo "== $$script"; $(BIN)/python benchmarks/$$script || exit 1; done
 
 clean:
 	rm -rf .venv build dist src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

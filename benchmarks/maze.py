@@ -29,9 +29,11 @@ from typing import Any
 import numpy as np
 from learning import best_sources, commit, machine, run, scenario_of
 
+from paddlectl.errors import NotFoundError
 from paddlectl.experiments.jobs import Job, TrainJob, TransferJob
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
+from paddlectl.tasks.maze2d.settings import DEVIATIONS
 
 HERE = Path(__file__).parent
 PARTS = ("sources", "paddle", "pairs", "hdm", "scratch", "ablations", "guided")
@@ -40,39 +42,42 @@ SCENARIO = "maze"
 FIRST = 50
 Result = dict[str, Any]
 
+# What others need: without them there is no hindsight, and by themselves they change nothing.
+NEEDED = ("goal_size", "radius", "goal_reward")
 # A deviation from Table 1 -> what takes it back (or the nearest that still lets values stay finite).
 ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "nothing": {},
-    # As long and as many updates as before, in time.
+    # The same time in an action's discount, in a block, and between updates.
     "repeat": {
         "repeat": 1,
         "block": 160,
         "low_level": {"discount": 0.92 ** (1 / 20), "span": 1000, "errand_steps": 240.0, "update_every": 320},
     },
+    **{
+        name: {"low_level": {name: paper}}
+        for name, (paper, _) in DEVIATIONS.items()
+        if name not in ("learning_rate", "hindsight", "other_goals", "cloning", *NEEDED)
+    },
     "learning_rate": {"low_level": {"learning_rate": 2e-4, "final_rate": 1.0}},
-    "final_rate": {"low_level": {"final_rate": 1.0}},
-    "optimiser": {"low_level": {"optimiser": "rmsprop"}},
-    "discount": {"low_level": {"discount": 0.99}},
-    "update_every": {"low_level": {"update_every": 2}},
-    "tracking": {"low_level": {"tracking": 0.005}},
-    "hidden": {"low_level": {"hidden": (400, 400, 400)}},
-    "normalised": {"low_level": {"normalised": False}},
-    "exploration": {"low_level": {"exploration": 0.1}},
-    "random_actions": {"low_level": {"random_actions": 0.0}},
-    "errands": {"low_level": {"errands": 0.0}},
-    "grid": {"low_level": {"grid": ()}},
     "hindsight": {"low_level": {"hindsight": 0.0, "other_goals": 0.0}},
-    "lower_bound": {"low_level": {"lower_bound": False}},
-    "saturation_cost": {"low_level": {"saturation_cost": 0.0}},
 }
-# A setting of the preset `guided` -> the usual one in its place.
+# A setting of the preset `guided`, or one that matters to an heir alone -> the usual one in its place.
 GUIDED: Mapping[str, Mapping[str, Any]] = {
-    "lanes": {"lanes": 32, "block": 8},
+    "lanes": {"lanes": 8, "block": 32},
     "repeat": {"repeat": 20},
     "reward_unit": {"decisions": {"reward_unit": 100.0}},
     "step_discount": {"clauses": {"step_discount": 0.999}},
     "imitation_margin": {"credit": {"imitation_margin": 0.0}},
-    "cloning": {"low_level": {"cloning": False}},
+    # Learning on by TD3, with its numbers for actions of 5 steps.
+    "cloning": {
+        "low_level": {
+            "cloning": False,
+            "learning_rate": 3e-4,
+            "discount": 0.98,
+            "span": 100,
+            "errand_steps": 40.0,
+        }
+    },
 }
 
 
@@ -103,8 +108,15 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[tuple[s
 
 
 def sources_of(registry: Registry, seed: int) -> tuple[str, ...]:
-    """The latest policy of each source that was learned with this seed."""
+    """The latest policy of each source that was learned with this seed.
+
+    Raises:
+        NotFoundError: If there is none.
+    """
     latest = {p.task: p.id for p in reversed(registry.policies()) if p.seed == seed}
+    for task in SOURCES:
+        if task not in latest:
+            raise NotFoundError(f"no policy of {task} with seed {seed}; run the part sources")
     return tuple(latest[task] for task in SOURCES)
 
 

@@ -115,8 +115,8 @@ def maze_tables(results: Run) -> str:
         table("learned", _MAZE, grouped(learned, lambda run: run["name"])),
         table("taken back", _ABLATED, grouped(ablated, lambda run: run["name"])),
         "Median over seeds (the worst seed in brackets). Success, score and steps: 200 starts never trained "
-        "on, failures at 1000 steps. First 50: success over the first 50 episodes started. Score, last 100: over "
-        "the last 100 episodes of training, whoever led. "
+        "on, failures at 1000 steps. First 50: success over the first 50 episodes started. Score, last 100: "
+        "over the last 100 episodes of training, whoever led. "
         f"{'; '.join(_machines(runs))}; {', '.join(_versions(runs))}; {results['written'][:10]}.",
     ]
     return "\n\n".join(part for part in parts if part)

@@ -30,10 +30,10 @@ class Corridor:
 
     observation_size = 2 + len(DOMAIN_HEADS)
     actions = Actions(3)
-    repeat = 1
 
-    def __init__(self, lanes: int, seed: int) -> None:
-        self.lanes = lanes
+    def __init__(self, lanes: int, seed: int, repeat: int = 1) -> None:
+        assert repeat == 1
+        self.lanes, self.repeat = lanes, repeat
         self._next = 1000 * seed
         self.layout, self.place, self.t = np.zeros((3, lanes), np.intp)
         self.paid = np.zeros(lanes, np.bool_)

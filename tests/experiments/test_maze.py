@@ -1,5 +1,7 @@
 """The maze through the same doors as MiniGrid: train, show, similarity, evaluate, transfer, explain."""
 
+import dataclasses
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,8 +10,8 @@ import pytest
 from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError
 from paddlectl.experiments import sources, transfers
 from paddlectl.experiments.jobs import TrainJob, TransferJob
-from paddlectl.experiments.log import recorded
-from paddlectl.hybrid.policy import HybridPolicy, settings_for
+from paddlectl.experiments.resuming import job_of
+from paddlectl.hybrid.policy import settings_for
 from paddlectl.learners.td3 import TD3Settings
 from paddlectl.registry.store import Registry
 from paddlectl.report.explanation import explanation_document
@@ -34,6 +36,14 @@ def maze(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Registry]:
         transfers.run_transfer(job, registry, lambda _: None)
         yield registry
     patch.undo()
+
+
+@pytest.fixture
+def copy(maze: Registry, tmp_path: Path) -> Iterator[Registry]:
+    """The same, to be added to."""
+    shutil.copytree(maze.location, tmp_path / "copy")
+    with Registry.open(tmp_path / "copy") as registry:
+        yield registry
 
 
 def test_sources_and_target_are_kept_with_their_domain(maze: Registry) -> None:
@@ -86,25 +96,44 @@ def test_the_preset_of_the_paper_takes_every_deviation_back(name: str) -> None:
     assert (paper.repeat, usual.repeat) == (1, 20)
 
 
-def test_a_policy_is_revived_by_the_preset_that_it_was_learned_with(tmp_path: Path) -> None:
+def test_a_policy_is_revived_by_the_preset_that_it_was_learned_with(maze: Registry, tmp_path: Path) -> None:
+    task = load("MailMaze")
     with Registry.open(tmp_path) as registry:
-        task = load("MailMaze")
-        paper = settings_for(task, task.presets["paper"])
-        for preset in (None, "paper"):
-            run = registry.add_run(
-                kind="train",
-                method="hdm",
-                task=task.name,
-                scenario=None,
-                sources=(),
-                seed=0,
-                settings={"preset": preset},
-                versions={},
-            )
-            policy = HybridPolicy(task, 0, paper if preset else settings_for(task))
-            with recorded(registry, run) as log:
-                log.results = {}
-                sources.keep(registry, run, policy, log)
-        learned, usual = registry.policies()
-        assert sources.revive(registry, learned).settings == paper
-        assert sources.revive(registry, usual).settings == settings_for(task)
+        job = TrainJob(task.name, 0, 256, preset="paper")
+        sources.train_source(job, registry, lambda _: None)
+        assert job_of(registry.runs()[0]).preset == "paper"
+        revived = sources.revive(registry, registry.policy("policy-1"))
+        assert revived.settings == settings_for(task, task.presets["paper"])
+    target = load("CoffeeMailMaze")
+    assert sources.revive(maze, maze.policy("MailMaze")).settings == settings_for(task)
+    guided = settings_for(target, target.presets["guided"])
+    assert sources.revive(maze, maze.policy("CoffeeMailMaze")).settings == guided
+    assert (guided.repeat, guided.lanes) == (5, 1)
+
+
+@pytest.mark.parametrize("preset", ["papr", ["paper"]])
+def test_a_preset_that_is_not_known_is_told(maze: Registry, preset: object) -> None:
+    record = dataclasses.replace(maze.policy("MailMaze"), metadata={"preset": preset})
+    with pytest.raises(IntegrityError, match="doesn't fit MailMaze"):
+        sources.revive(maze, record)
+
+
+@pytest.mark.parametrize("method, mode", [("hdm", "default"), ("paddle", "paper")])
+def test_who_inherits_nothing_learns_as_a_source_does(copy: Registry, method: str, mode: str) -> None:
+    scenario = load_scenario(ROOT / "scenarios" / "maze.yaml")
+    scenario = scenario.model_copy(update={"guidance": scenario.guidance.model_copy(update={"mode": mode})})
+    given = ("policy-1", "policy-2") if method == "paddle" else ()
+    row = transfers.run_transfer(TransferJob(scenario, given, method, 0, FRAMES), copy, lambda _: None)
+    settings = copy.run(row["run"]).settings
+    assert settings["preset"] is None
+    assert (settings["hybrid"]["lanes"], settings["hybrid"]["repeat"]) == (32, 20)
+
+
+def test_a_source_of_other_networks_guides_and_hands_on_nothing(copy: Registry) -> None:
+    """Learned by the preset `paper` it has three layers of 400; the target has two of 256."""
+    sources.train_source(TrainJob("MailMaze", 1, 256, preset="paper"), copy, lambda _: None)
+    other = copy.policies()[0].id
+    scenario = load_scenario(ROOT / "scenarios" / "maze.yaml")
+    for given in (("policy-1", other), (other,)):
+        row = transfers.run_transfer(TransferJob(scenario, given, "paddle", 0, 1280), copy, lambda _: None)
+        assert copy.run(row["run"]).status == "finished"

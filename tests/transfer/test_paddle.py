@@ -373,9 +373,9 @@ def test_evaluation_never_plays_the_layouts_that_were_trained_on():
     """Whatever the seeds: a user may well give the same one to `transfer` and `evaluate`."""
     made = []
 
-    def make(lanes, seed):
+    def make(lanes, seed, repeat=1):
         made.append(seed)
-        return Corridor(lanes, 0)
+        return Corridor(lanes, 0, repeat)
 
     policy = HybridPolicy(replace(TASK, make=make), 0, SMALL)
     made.clear()

@@ -41,7 +41,11 @@ def train(
     ] = None,
     preset: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Settings other than what fits the task best.", show_default=False),
+        typer.Option(
+            metavar="NAME",
+            help="Other settings than the usual: paper, for the maze.",
+            show_default=False,
+        ),
     ] = None,
     checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
@@ -67,9 +71,10 @@ def train_jobs(
     Raises:
         NotFoundError: If there is no such task, or one of them has no such preset.
     """
+    from paddlectl.tasks.base import GUIDED
     from paddlectl.tasks.suite import load
 
-    known = {load(task).name: load(task).presets for task in tasks}
+    known = {load(task).name: sorted({*load(task).presets} - {GUIDED}) for task in tasks}
     for name, presets in known.items():
         if preset is not None and preset not in presets:
             has = f"its presets: {', '.join(presets)}" if presets else "it has none: leave out --preset"

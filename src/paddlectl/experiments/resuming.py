@@ -9,9 +9,11 @@ from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.pace import Pace, require_resumable
 from paddlectl.experiments.sources import train_source
 from paddlectl.experiments.transfers import run_transfer
+from paddlectl.hybrid.policy import settings_for
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
+from paddlectl.tasks.suite import load
 from paddlectl.transfer.guidance import GuidanceSettings
 
 
@@ -45,6 +47,7 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
     told = run.settings
     try:
         hybrid = _as_begun(told["hybrid"])
+        settings_for(load(run.task), hybrid)  # a name that this version doesn't know is a TypeError
         if run.kind == "train":
             return TrainJob(run.task, run.seed, told["frames"], hybrid, told.get("preset"))
         return TransferJob(

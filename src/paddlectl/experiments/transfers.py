@@ -15,6 +15,7 @@ from paddlectl.hybrid import training
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, settings_for
 from paddlectl.hybrid.rollout import Episode
 from paddlectl.hybrid.training import Learning, Round
+from paddlectl.learners.base import Learner
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.registry.records import RunRecord
@@ -97,8 +98,9 @@ def _new_run(job: TransferJob, task: Task, settings: HybridSettings, registry: R
 
 
 def _way(job: TransferJob, task: Task) -> str | None:
-    """The preset by which the target is learned."""
-    return GUIDED if job.method == "paddle" and GUIDED in task.presets else None
+    """The preset by which the target is learned: `guided` is for who inherits."""
+    inherits = job.method == "paddle" and job.scenario.guidance.mode == "default"
+    return GUIDED if inherits and GUIDED in task.presets else None
 
 
 def _rules(job: TransferJob, task: Task) -> GuidanceSettings:
@@ -120,14 +122,22 @@ def _guided(
     else:
         rules = _rules(job, target.task)
         chooser = guides.PlannedGuides(target, candidates, lanes, rng, rules)
-        _inherit(target, guides.most_similar(sources, mapping), rules.inheritance)
+        _inherit(target, sources, mapping, rules.inheritance)
     learning = paddle.learn(target, sources, chooser, job.seed, job.frames)
     return learning, _RunAccount(registry, run.id, chooser, Account(chooser, sources), job.frames)
 
 
-def _inherit(target: HybridPolicy, source: guides.Source, share: float) -> None:
-    if share:
-        target.low_level.inherit(source.low_level.state(), share)
+def _inherit(
+    target: HybridPolicy, sources: Sequence[guides.Source], mapping: SceneMapping, share: float
+) -> None:
+    """The most similar of the sources whose networks have the target's shape hands them on."""
+    like = [source for source in sources if _shapes(source.low_level) == _shapes(target.low_level)]
+    if share and like:
+        target.low_level.inherit(guides.most_similar(like, mapping).low_level.state(), share)
+
+
+def _shapes(learner: Learner) -> dict[str, tuple[int, ...]]:
+    return {name: tuple(tensor.shape) for name, tensor in learner.state().items()}
 
 
 def _source(registry: Registry, policy: str) -> guides.Source:

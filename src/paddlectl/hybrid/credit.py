@@ -33,8 +33,8 @@ class CreditSettings:
         prior: Decisions' worth of belief that a head is worth as much as its scene.
         sweeps: Of policy evaluation before each update.
         steps: Gradient steps on the planned advantages of a block.
-        imitation_margin: A guide's head that is worth this much less than the best is imitated still. One
-            place may lie on the way to another: then a head that is never reached is worth as much.
+        imitation_margin: A guide's head is imitated if it is worth at most so much less than the best. Where
+            one place lies on the way to another, both are worth about the same, be they reached or not.
         batch: Episodes to a Monte-Carlo update.
     """
 
@@ -52,8 +52,8 @@ class PlannedCredit:
 
     Decisions count as soon as they end, whoever made them. A guided one that reached its subgoal is
     imitated too, weighted by its return: a crisp guide always takes the same head, so there is no other
-    to have an advantage over. But only as long as the plan knows no better head there: a guide may well
-    reach a subgoal that leads nowhere.
+    to have an advantage over. But only as long as the plan knows no head there that is better by more than a
+    margin: a guide may well reach a subgoal that leads nowhere.
 
     Args:
         clauses: The weights that learn.

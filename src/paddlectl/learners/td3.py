@@ -44,7 +44,7 @@ class TD3Settings:
         final_rate: Share of the learning rate that is left at the end of the budget; it falls in a straight
             line.
         cloning: Who inherited networks doesn't explore and learns by imitation alone: its actor is drawn to
-            what guides did in decisions that reached their subgoal.
+            what guides did in decisions that are seen, in the same block, to reach their subgoal.
         normalised: Layers are normalised before their ReLU: what a critic makes of states that it has hardly
             seen stays within bounds.
         random_actions: Share of actions drawn at random, from none in the first lane to this in the last: one
@@ -153,7 +153,8 @@ class TD3:
     def act(self, observations: Floats) -> tuple[Floats, Floats]:
         """Actions with the noise of exploration [B, A], and zeros [B].
 
-        It goes on errands, and acts at random, the less the more others act for it.
+        It goes on errands, and acts at random, the less the more others act for it. Who clones does neither,
+        and without noise.
         """
         s, shape = self.settings, (len(observations), self.actions)
         if self._clones:
@@ -185,7 +186,7 @@ class TD3:
         return len(replay) >= self.settings.warm_up
 
     def update(self, buffer: RolloutBuffer) -> None:
-        """Keeps a block of experience, then makes the updates that are due."""
+        """Keeps a block of experience and makes the updates that are due; who clones learns from it alone."""
         s = self.settings
         if self._clones:
             self._imitate(buffer)
@@ -261,16 +262,11 @@ class TD3:
 
     def anneal(self, done: float) -> None:
         """Sets learning rate and exploration for the share of the budget that is used up, in [0, 1]."""
+        s = self.settings
         self._left = 1.0 - min(done, 1.0)
         for optimiser in (self.actor_optimiser, self.critic_optimiser):
             for group in optimiser.param_groups:
-                group["lr"] = self._rate()
-
-    def _rate(self) -> float:
-        """The present learning rate."""
-        s = self.settings
-        share = s.final_rate + (1.0 - s.final_rate) * self._left
-        return s.learning_rate * share
+                group["lr"] = s.learning_rate * (s.final_rate + (1.0 - s.final_rate) * self._left)
 
     def _networks(self) -> nn.ModuleDict:
         return nn.ModuleDict({"online": self.online, "slow": self.slow})
@@ -284,7 +280,7 @@ class TD3:
         load_named(self._networks(), state)
 
     def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
-        """Starts from another's networks; there are no odds to be weakened, for noise explores here."""
+        """Starts from another's networks as they are: there are no odds that a share could weaken."""
         self.load(state)
         self._skilled = True
 

@@ -8,8 +8,7 @@ from paddlectl.tasks.maze2d.layouts import COLUMNS, RADIUS, ROWS
 
 GOAL_REWARD = 10.0
 
-# A number of TD3's -> what Table 1 and the TD3 paper have, and what the maze is learned with.
-_DEVIATIONS: Mapping[str, tuple[Any, Any]] = {
+DEVIATIONS: Mapping[str, tuple[Any, Any]] = {
     "learning_rate": (2e-4, 1e-3),
     "final_rate": (1.0, 0.2),
     "optimiser": ("rmsprop", "adam"),
@@ -22,7 +21,6 @@ _DEVIATIONS: Mapping[str, tuple[Any, Any]] = {
     "random_actions": (0.0, 0.9),
     "errands": (0.0, 0.5),
     "cloning": (False, True),
-    "capacity": (1_000_000, 400_000),
     "goal_size": (0, 2),
     "radius": (0.0, RADIUS),
     "goal_reward": (1.0, GOAL_REWARD),
@@ -32,8 +30,10 @@ _DEVIATIONS: Mapping[str, tuple[Any, Any]] = {
     "lower_bound": (False, True),
     "saturation_cost": (0.0, 1.0),
 }
-_TABLE_1 = {name: values[0] for name, values in _DEVIATIONS.items()}
-_LOW_LEVEL = {name: values[1] for name, values in _DEVIATIONS.items()}
+"""A number of TD3's -> what Table 1 and the TD3 paper have, and what the maze is learned with."""
+
+_TABLE_1 = {name: values[0] for name, values in DEVIATIONS.items()}
+_LOW_LEVEL = {name: values[1] for name, values in DEVIATIONS.items()}
 
 _USUAL: Mapping[str, Any] = {
     "lanes": 32,
@@ -73,7 +73,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "credit": {"imitation_margin": 0.02},
     },
 }
-"""What differs from that: `paper` is Table 1 to the letter, with no promise of when it has learned.
+"""What differs from that: `paper` is Table 1's TD3, with no promise of when it has learned.
 
 `guided` is how a target is learned from guides. The ways that they know are gone a tenth faster with an
 action every 5 steps. One lane plays: of many that start at once, all would make the same mistakes. Hindsight
