@@ -10,7 +10,7 @@ wall time. Success and length are on 200 starts that no training used. The parts
     hdm        the target from scratch, with as many frames as a transfer
     scratch    the target from scratch, with as many frames as a source
     ablations  what of the low level's settings deviates from Table 1, on a source
-    guided     what deviates when a target is learned from guides, from the best policies
+    guided     what deviates when a target is learned from guides, beside `pairs`
 
     python benchmarks/maze.py --parts sources --seeds 0 1 2 3 4 5
     python benchmarks/maze.py --parts paddle pairs hdm
@@ -103,7 +103,7 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[tuple[s
             source = TrainJob(options.task, seed, options.frames, ABLATIONS[name])
             yield f"without {name} {options.task} seed {seed}", source
         for name in GUIDED if "guided" in options.parts else ():
-            job = transfer(sources=best_sources(registry, scenario), method="paddle", hybrid=GUIDED[name])
+            job = transfer(sources=sources_of(registry, seed), method="paddle", hybrid=GUIDED[name])
             yield f"without {name} {target} seed {seed}", job
 
 
