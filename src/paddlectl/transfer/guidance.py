@@ -39,8 +39,8 @@ class GuidanceSettings:
         source_memory: Latest decisions that a source's return is averaged over.
         target_memory: The same for the target, which changes.
         inheritance: The target's low level starts as a copy of its most similar source's, its preferences
-            weakened to this share so that it explores again; 0 starts anew. So a subgoal that no source
-            knows isn't learned from nothing: whoever finds a key soon finds a ball.
+            weakened to this share so that it explores again (TD3 has none to weaken); 0 starts anew. So a
+            subgoal that no source knows isn't learned from nothing: whoever finds a key soon finds a ball.
     """
 
     fading: float = 0.7

@@ -75,13 +75,13 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 }
 """What differs from that: `paper` is Table 1's TD3, with no promise of when it has learned.
 
-`guided` is how a target is learned from guides. The ways that they know are gone a tenth faster with an
-action every 5 steps. One lane plays: of many that start at once, all would make the same mistakes. Hindsight
-has taught the source that it inherits from to go from most places to most others, and what it lacks it takes
-from the other guides (`cloning`): in the few updates that a transfer has time for, TD3 would unlearn more
-than it would add. A step costs 0.09 of a score near 40, hence its discount. Rewards are counted such that
-what the first order of play that works is worth stays below ψ in most scenes, so that guides which weren't
-asked there yet are asked once.
+`guided` is how a target is learned from guides. The ways that they know are gone faster with an action every
+5 steps. One lane plays: of many that start at once, all would make the same mistakes. Hindsight has taught
+the source that it inherits from to go from most places to most others, and what it lacks it takes from the
+other guides (`cloning`): in the few updates that a transfer has time for, TD3 would unlearn more than it
+would add. A step costs 0.09 of a score near 40, hence its discount. Rewards are counted such that what the
+first order of play that works is worth stays below ψ in most scenes, so that guides which weren't asked
+there yet are asked once.
 """
 
 GUIDANCE: Mapping[str, Any] = {"fading": 0.3, "audition_rate": 0.05}
