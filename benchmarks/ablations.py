@@ -3,7 +3,7 @@
 The sources are those that learning.py has trained in the same registry:
 
     python benchmarks/learning.py --parts sources
-    python benchmarks/ablations.py --scenarios A --rules none fading paper --seeds 0 1 2
+    python benchmarks/ablations.py --scenarios A --rules none fading paper --seeds 10 11 12
     python benchmarks/ablations.py --scenarios B-place --rules none practice --frames 150000
 
 What switching a rule off means:
@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from learning import HERE, Result, best_sources, collected, run, scenario_of
+from learning import HERE, SEEDS, Result, collected, paired_sources, run, scenario_of
 from readme_table import Column, figure, grouped, seeds, table
 
 from paddlectl.experiments.jobs import TransferJob
@@ -38,6 +38,18 @@ class Ablation:
     hybrid: dict[str, Any] = field(default_factory=dict)
     guidance: Guidance = field(default_factory=Guidance)
 
+
+# What the text of the paper alone would give, by itself beside the other readings, and all of it at once.
+LETTER: dict[str, dict[str, Any]] = {
+    "initial_performance": {"initial_performance": 1.0},
+    "normalise": {"normalise": "clip"},
+    "failure_cost": {"failure_cost": 0.0},
+    "values": {"values": "per_guide"},
+    "source_softness": {"source_softness": 0.0},
+    "lanes": {"lanes": 64, "block": 32},
+}
+LETTER["letter"] = {name: value for reading in LETTER.values() for name, value in reading.items()}
+LETTER = {name: {"mode": "paper", **reading} for name, reading in LETTER.items()}
 
 # `trials` and `practice_reached` are no rules of their own: they say when another applies.
 RULES = {
@@ -72,7 +84,12 @@ RULES = {
         hybrid={"credit": {"planned": False}},
     ),
     "block": Ablation("an update every 64 steps", hybrid={"block": 64}),
+    "three_epochs": Ablation("a fourth pass over each block", hybrid={"low_level": {"epochs": 4}}),
     "paper": Ablation("all rules of guidance are off: Λ = ψ + Φ", guidance=Guidance(mode="paper")),
+    **{
+        f"paper_{name}": Ablation(f"the same, and {name} as the letter has it", guidance=Guidance(**letter))
+        for name, letter in LETTER.items()
+    },
 }
 COLUMNS: list[Column] = [
     ("seeds", seeds),
@@ -93,7 +110,7 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Transfe
     for seed in options.seeds:
         for name in options.scenarios:
             plain = scenario_of(name)
-            sources = best_sources(registry, plain)
+            sources = paired_sources(registry, plain, seed)
             for rule in options.rules:
                 off = RULES[rule]
                 changes = {"name": f"{plain.name}{ABLATION}{rule}", "guidance": off.guidance}
@@ -125,7 +142,7 @@ def parsed() -> argparse.Namespace:
     )
     parser.add_argument("--scenarios", nargs="+", default=["A", "C"], help="names of files in scenarios/")
     parser.add_argument("--rules", nargs="*", choices=RULES, default=list(RULES), help="to switch off")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
     parser.add_argument("--frames", type=int, default=60_000, help="of every run")
     parser.add_argument("--workers", type=int, default=2, help="processes at a time")
     parser.add_argument("--registry", default="build/bench", help="where the sources are, and runs are kept")

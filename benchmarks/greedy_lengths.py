@@ -87,7 +87,7 @@ def main() -> None:
     count = parser.parse_args().layouts
     rng = random.Random(0)
     for task, orders in ORDERS.items():
-        state = suite.load(task).make(count, EVALUATION_SEED).state
+        state = suite.load(task).make(count, EVALUATION_SEED, 1, "evaluation").state
         layouts = Layouts(state.agent, state.facing, state.where)
         shortest = np.mean([len(shortest_plan(SPECS[task], layouts, lane)) for lane in range(count)])
         for order in orders:

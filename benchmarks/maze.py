@@ -5,16 +5,15 @@ call; each is merged into the JSON result as soon as it is done, with the CPU ti
 wall time. Success and length are on 200 starts that no training used. The parts:
 
     sources    both sources
-    paddle     the target from the best policy of each source, as `paddlectl transfer` takes them
-    pairs      the target from the sources of its own seed
+    paddle     the target from the sources of its own seed
     hdm        the target from scratch, with as many frames as a transfer
     scratch    the target from scratch, with as many frames as a source
     ablations  what of the low level's settings deviates from Table 1, on a source
-    guided     what deviates when a target is learned from guides, beside `pairs`
+    guided     what deviates when a target is learned from guides, beside `paddle`
 
-    python benchmarks/maze.py --parts sources --seeds 0 1 2 3 4 5
-    python benchmarks/maze.py --parts paddle pairs hdm
-    python benchmarks/maze.py --parts ablations --seeds 0 1 2 --frames 1000000
+    python benchmarks/maze.py --parts sources
+    python benchmarks/maze.py --parts paddle hdm
+    python benchmarks/maze.py --parts ablations --seeds 10 11 12 --frames 1000000
 """
 
 import argparse
@@ -27,16 +26,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from learning import best_sources, commit, machine, run, scenario_of
+from learning import SEEDS, commit, episodes_of, machine, paired_sources, run, scenario_of
 
-from paddlectl.errors import NotFoundError
+from paddlectl.experiments.curves import in_order
 from paddlectl.experiments.jobs import Job, TrainJob, TransferJob
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.maze2d.settings import DEVIATIONS
 
 HERE = Path(__file__).parent
-PARTS = ("sources", "paddle", "pairs", "hdm", "scratch", "ablations", "guided")
+PARTS = ("sources", "paddle", "hdm", "scratch", "ablations", "guided")
 SOURCES = ("CoffeeMaze", "MailMaze")
 SCENARIO = "maze"
 FIRST = 50
@@ -91,10 +90,8 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[tuple[s
             for task in options.tasks:
                 yield f"source {task} seed {seed}", TrainJob(task, seed, options.frames)
         if "paddle" in options.parts:
-            job = transfer(sources=best_sources(registry, scenario), method="paddle")
+            job = transfer(sources=paired_sources(registry, scenario, seed), method="paddle")
             yield f"paddle {target} seed {seed}", job
-        if "pairs" in options.parts:
-            yield f"pairs {target} seed {seed}", transfer(sources=sources_of(registry, seed), method="paddle")
         if "hdm" in options.parts:
             yield f"hdm {target} seed {seed}", transfer(sources=(), method="hdm")
         if "scratch" in options.parts:
@@ -103,29 +100,16 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[tuple[s
             source = TrainJob(options.task, seed, options.frames, ABLATIONS[name])
             yield f"without {name} {options.task} seed {seed}", source
         for name in GUIDED if "guided" in options.parts else ():
-            job = transfer(sources=sources_of(registry, seed), method="paddle", hybrid=GUIDED[name])
+            job = transfer(
+                sources=paired_sources(registry, scenario, seed), method="paddle", hybrid=GUIDED[name]
+            )
             yield f"without {name} {target} seed {seed}", job
-
-
-def sources_of(registry: Registry, seed: int) -> tuple[str, ...]:
-    """The latest policy of each source that was learned with this seed.
-
-    Raises:
-        NotFoundError: If there is none.
-    """
-    latest = {p.task: p.id for p in reversed(registry.policies()) if p.seed == seed}
-    for task in SOURCES:
-        if task not in latest:
-            raise NotFoundError(f"no policy of {task} with seed {seed}; run the part sources")
-    return tuple(latest[task] for task in SOURCES)
 
 
 def figures(registry: Registry, record: RunRecord) -> Result:
     """All figures of a finished run, from the registry alone."""
     policy = registry.policy(record.policy or "")
-    rows = sorted(registry.read_rows(record.id, "episodes"), key=lambda row: row["order"])
-    whole = [row for place, row in enumerate(rows) if row["order"] == place]
-    last = registry.read_rows(record.id, "episodes")[-100:]
+    scores = [episode.score for episode in in_order(episodes_of(registry, record))]
     return {
         "task": record.task,
         "method": record.method,
@@ -141,15 +125,15 @@ def figures(registry: Registry, record: RunRecord) -> Result:
         },
         "crispness": policy.crispness,
         "program": policy.program.splitlines(),
-        f"success_first_{FIRST}": _mean(whole[:FIRST], "success", FIRST),
-        f"score_first_{FIRST}": _mean(whole[:FIRST], "score", FIRST),
-        "success_last_100": _mean(last, "success", 100),
-        "score_last_100": _mean(last, "score", 100),
+        f"success_first_{FIRST}": _mean([score > 0 for score in scores[:FIRST]], FIRST),
+        f"score_first_{FIRST}": _mean(scores[:FIRST], FIRST),
+        "success_last_100": _mean([score > 0 for score in scores[-100:]], 100),
+        "score_last_100": _mean(scores[-100:], 100),
     }
 
 
-def _mean(rows: Sequence[Result], field: str, count: int) -> float | None:
-    return float(np.mean([row[field] for row in rows])) if len(rows) == count else None
+def _mean(values: Sequence[float], count: int) -> float | None:
+    return float(np.mean(values)) if len(values) == count else None
 
 
 def merge(path: Path, key: str, result: Result) -> None:
@@ -167,7 +151,7 @@ def parsed() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2, 3, 4, 5])
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
     parser.add_argument("--frames", type=int, help="of every run, instead of its usual budget")
     parser.add_argument("--tasks", nargs="+", choices=SOURCES, default=SOURCES, help="sources to train")
     parser.add_argument("--task", choices=SOURCES, default="MailMaze", help="of the ablations")

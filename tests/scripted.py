@@ -31,7 +31,7 @@ class Corridor:
     observation_size = 2 + len(DOMAIN_HEADS)
     actions = Actions(3)
 
-    def __init__(self, lanes: int, seed: int, repeat: int = 1) -> None:
+    def __init__(self, lanes: int, seed: int, repeat: int = 1, split: str = "training") -> None:
         assert repeat == 1
         self.lanes, self.repeat = lanes, repeat
         self._next = 1000 * seed
@@ -95,7 +95,7 @@ class ByScript:
         self._actions = list(actions)
         self.seen: list[np.ndarray] = []
 
-    def act(self, observations):
+    def act(self, observations, rng):
         self.seen.append(observations.copy())
         action = self._actions[min(len(self.seen), len(self._actions)) - 1]
         return np.full(len(observations), action), np.full(len(observations), -0.5, np.float32)

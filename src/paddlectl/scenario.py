@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from paddlectl.errors import InvalidFileError, NotFoundError
 from paddlectl.tasks.suite import load, names
+from paddlectl.transfer.guidance import PaperSettings
 
 METHODS = ("paddle", "hdm")
 MAX_BYTES = 1_000_000
@@ -53,9 +54,33 @@ class Similarity(_Closed):
 
 
 class Guidance(_Closed):
-    """How a guide is chosen: `paper` is Eqs. 2 and 3 to the letter."""
+    """How a guide is chosen: by the rules of this project, or by Eqs. 2 and 3.
+
+    All but `mode` are readings of those equations (`PaperSettings`) and belong to `mode: paper`.
+    """
 
     mode: Literal["default", "paper"] = "default"
+    initial_performance: Share = PaperSettings.initial_performance
+    normalise: Literal["clip", "none"] = PaperSettings.normalise
+    failure_cost: Share = PaperSettings.failure_cost
+    values: Literal["per_guide", "per_subgoal"] = PaperSettings.values
+    source_softness: Share = PaperSettings.source_softness
+    lanes: Annotated[int, Field(ge=1, le=4096)] = PaperSettings.lanes
+    block: Annotated[int, Field(ge=1, le=4096)] = PaperSettings.block
+
+    @model_validator(mode="after")
+    def _readings_of_paper(self) -> "Guidance":
+        for name, value in self._given().items():
+            if self.mode != "paper" and value != getattr(PaperSettings, name):
+                raise ValueError(f"{name} belongs to mode: paper")
+        return self
+
+    def readings(self) -> PaperSettings | None:
+        """How the paper's equations are read; None if they aren't what guides."""
+        return PaperSettings(**self._given()) if self.mode == "paper" else None
+
+    def _given(self) -> dict[str, Any]:
+        return self.model_dump(exclude={"mode"})
 
 
 class Scenario(_Closed):

@@ -2,48 +2,61 @@
 
 import pytest
 
-from paddlectl.experiments.log import curve_figures
+from paddlectl.experiments.curves import InOrder, curve_figures, rates
 from paddlectl.hybrid.rollout import Decisions, Episode
 
 
-def episode(order, finished, score):
-    return Episode(order, 0, finished, score, 10, Decisions.empty(1))
+def episode(order, started, finished, score):
+    return Episode(order, started, finished, score, finished - started, Decisions.empty(1))
 
 
 def figures(rows, frames):
     return curve_figures([episode(*row) for row in rows], frames)
 
 
-def test_a_short_curve_as_worked_by_hand():
-    found = figures([(1, 10, 0.9), (0, 20, 0.0), (3, 50, 0.6), (2, 100, 0.3)], 100)
-    # after frames 1-9 nothing: 9·0; 10-19: 10·0.9; 20-49: 30·0.45; 50-99: 50·0.5; 100: 0.45
-    assert found == pytest.approx(
-        {
-            "jump_start": 1.8 / 100,  # of the first hundred started, those that didn't end count as 0
-            "final_score": 0.45,
-            "success_rate": 0.75,
-            "area_under_curve": (9 + 13.5 + 25 + 0.45) / 100,
-        }
-    )
+# Of episodes that start one after another every second is solved, in a third of the time of the others.
+# The sixth, from frame 80 on, hasn't ended with frame 100.
+LUCKY_ARE_SHORT = [(0, 0, 60, 0.0), (1, 0, 20, 1.0), (2, 20, 40, 1.0), (3, 40, 100, 0.0), (4, 60, 80, 1.0)]
 
 
-def test_the_jump_start_is_of_the_first_started_and_the_end_of_the_last_ended():
+def test_short_episodes_are_the_lucky_ones_and_dont_flatter_the_area():
+    """By ending, (0 + 20·1 + 20·1 + 20·2/3 + 20·3/4)/100 = 0.68; by steps, 60/180 = 0.33."""
+    ended = sorted(LUCKY_ARE_SHORT, key=lambda row: row[2])
+    found = figures(ended, 100)
+    # started by frames 0-19: two, one of them solved; 20-39: 2 of 3; 40-59: 2 of 4; 60-99: 3 of 5
+    assert found["area_under_curve"] == pytest.approx((20 / 2 + 20 * 2 / 3 + 20 / 2 + 40 * 3 / 5) / 100)
+    assert found["success_rate"] == found["final_score"] == pytest.approx(3 / 5)
+    assert found["jump_start"] == pytest.approx(3 / 100)  # of a hundred; those that didn't end count as 0
+
+
+def test_nothing_is_told_of_a_run_until_its_first_episode_has_ended():
+    run: InOrder[Episode] = InOrder()
+    told = []
+    for row in sorted(LUCKY_ARE_SHORT, key=lambda row: row[2]):
+        run.add([episode(*row)])
+        told.append(rates(run.known)["success_rate"])
+    # after frames 20 and 40 the first still runs; after 60 it is known with the second and third
+    assert told == [None, None, pytest.approx(2 / 3), pytest.approx(2 / 3), pytest.approx(3 / 5)]
+
+
+def test_the_jump_start_and_the_end_are_of_episodes_in_the_order_of_their_start():
     # 100 that start first, fail and end last; 150 that start later and are solved at once
-    slow = [(order, 200 + order, 0.0) for order in range(100)]
-    quick = [(order, order - 50, 0.8) for order in range(100, 250)]
+    slow = [(order, 0, 400 + order, 0.0) for order in range(100)]
+    quick = [(order, order, order + 1, 0.8) for order in range(100, 250)]
     found = figures(quick + slow, 1000)
     assert found["jump_start"] == 0.0
-    assert (found["final_score"], found["success_rate"]) == (0.0, 0.0)
-    half = figures(quick + [(order, 200 + order, 0.6) for order in range(50)], 1000)
+    assert (found["final_score"], found["success_rate"]) == (pytest.approx(0.8), 1.0)
+    half = figures(quick + [(order, 0, 400 + order, 0.6) for order in range(50)], 1000)
     assert half["jump_start"] == pytest.approx(0.3)  # fifty of the first hundred never ended
-    assert (half["final_score"], half["success_rate"]) == (pytest.approx(0.7), 1.0)
+    assert half["final_score"] == pytest.approx(0.6), "what came after one that didn't end isn't counted"
 
 
-def test_the_area_is_over_the_latest_hundred():
-    # 100 fail by frame 500, 100 are solved by frame 1000, ten every 50 frames: spans of 10 frames
-    rows = [(n, 5 * (n + 1), 0.0 if n < 100 else 1.0) for n in range(200)]
-    # of the last 50 spans the k-th has seen 2·k solved ones among its latest 100
-    assert figures(rows, 1000)["area_under_curve"] == pytest.approx(sum(2 * k / 100 for k in range(51)) / 100)
+def test_the_area_is_over_the_latest_hundred_that_had_started():
+    # one starts every 5 frames; 100 fail, then 100 are solved
+    rows = [(n, 5 * n, 5 * n + 5, 0.0 if n < 100 else 1.0) for n in range(200)]
+    # by frame 500 + 10·k there are 2·k + 1 solved ones among the latest 100
+    expected = sum(min(1.0, (2 * k + 1) / 100) for k in range(50)) / 100
+    assert figures(rows, 1000)["area_under_curve"] == pytest.approx(expected)
 
 
 def test_a_run_without_episodes_has_figures_of_zero():

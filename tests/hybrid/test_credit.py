@@ -43,7 +43,9 @@ class Learning:
                 3,
                 np.float32(reward),
                 reached,
+                False,
                 done,
+                False,
                 following,
             )
             self._credit.decided(Outcome(*(np.array([column]) for column in columns)))

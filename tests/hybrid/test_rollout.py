@@ -31,7 +31,9 @@ SETTINGS = DecisionSettings(max_steps=5, reached_reward=1.0, delay_cost=0.5, fai
 
 def rollout(lanes, chooser, *actors, settings=SETTINGS, seed=0):
     reader = ClauseLearner((FAR,), scenes((FAR,)), TASK.heads, 0)
-    return Rollout(Corridor(lanes, seed), HORIZON, reader, chooser, actors, settings, [chooser])
+    return Rollout(
+        Corridor(lanes, seed), HORIZON, reader, chooser, actors, settings, np.random.default_rng(0), [chooser]
+    )
 
 
 # The first episode of one lane: head asked for; action; whether the decision ends, has reached; intrinsic
@@ -133,7 +135,11 @@ def test_an_episode_that_is_cut_off_ends_its_decision_unreached():
     assert (episode.score, episode.length) == (0.0, HORIZON)
     assert episode.decisions.steps.tolist() == [5, 5, 2]
     assert not episode.decisions.reached.any()
-    assert buffer.rewards[-1, 0] == pytest.approx(-0.1)
+    assert buffer.rewards[:, 0] == pytest.approx([0, 0, 0, 0, -0.1] * 2 + [0, 0])
+    assert (buffer.ends & ~buffer.cut)[:, 0].nonzero()[0].tolist() == [4, 9], "the horizon is no failure"
+    assert buffer.cut[:, 0].nonzero()[0].tolist() == [HORIZON - 1]
+    assert buffer.final_observations[-1, 0, 0] == 0.0
+    assert [bool(outcome.cut[0]) for outcome in teller.told] == [False, False, True]
     assert [bool(outcome.done[0]) for outcome in teller.told] == [False, False, True]
 
 

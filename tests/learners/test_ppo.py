@@ -8,6 +8,7 @@ from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.learners.ppo import PPO, PPOSettings
 
 RIGHT = 1
+RNG = np.random.default_rng(0)
 
 
 def bandit_block(learner, rng, guide=None):
@@ -16,7 +17,7 @@ def bandit_block(learner, rng, guide=None):
     named = rng.integers(3, size=(8, 32))
     buffer.observations[:] = np.eye(3, dtype=np.float32)[named]
     for t in range(8):
-        buffer.actions[t], buffer.log_probs[t] = learner.act(buffer.observations[t])
+        buffer.actions[t], buffer.log_probs[t] = learner.act(buffer.observations[t], rng)
     if guide is not None:
         buffer.guides[:] = guide
         buffer.log_probs[:] = 0.0
@@ -47,7 +48,7 @@ def test_starts_almost_uniform():
 
 def test_sampled_actions_follow_their_probabilities():
     learner = of_fixed_probabilities(0.5, 0.3, 0.2)
-    actions, log_probs = learner.act(np.zeros((20_000, 3), np.float32))
+    actions, log_probs = learner.act(np.zeros((20_000, 3), np.float32), RNG)
     assert np.bincount(actions) / 20_000 == pytest.approx([0.5, 0.3, 0.2], abs=0.02)
     np.testing.assert_allclose(log_probs, np.log([0.5, 0.3, 0.2])[actions], rtol=1e-5)
 
@@ -55,13 +56,13 @@ def test_sampled_actions_follow_their_probabilities():
 def test_once_frozen_it_explores_less():
     """Probabilities go as their squares: 0.5, 0.3, 0.2 to 25, 9 and 4 of 38."""
     learner = of_fixed_probabilities(0.5, 0.3, 0.2)
-    actions, _ = learner.frozen().act(np.zeros((20_000, 3), np.float32))
+    actions, _ = learner.frozen().act(np.zeros((20_000, 3), np.float32), RNG)
     assert np.bincount(actions) / 20_000 == pytest.approx([25 / 38, 9 / 38, 4 / 38], abs=0.02)
 
 
 def test_solves_a_bandit_of_three_states():
     learner, rng = PPO(3, 3, seed=0), np.random.default_rng(0)
-    for _ in range(12):
+    for _ in range(16):
         learner.update(bandit_block(learner, rng))
     assert likelihood(learner).min() > 0.9
 
@@ -72,7 +73,7 @@ def corridor_block(learner, places, rng):
     seen = np.eye(5, dtype=np.float32)
     for t in range(16):
         buffer.observations[t] = seen[places]
-        buffer.actions[t], buffer.log_probs[t] = learner.act(buffer.observations[t])
+        buffer.actions[t], buffer.log_probs[t] = learner.act(buffer.observations[t], rng)
         places[:] = np.clip(places + np.where(buffer.actions[t] == RIGHT, 1, -1), 0, 4)
         buffer.ends[t] = buffer.reached[t] = places == 4
         buffer.rewards[t] = np.where(places == 4, 1.0, -0.02)
@@ -211,3 +212,20 @@ def test_an_heir_has_the_same_preferences_weakened():
     assert torch.allclose(heir.actor(observation).softmax(-1), roots / roots.sum(), atol=1e-6)
     assert torch.equal(heir.critic(observation), elder.critic(observation))
     assert all(torch.equal(before[name], tensor) for name, tensor in elder.state().items())
+
+
+def test_a_decision_that_the_horizon_cut_off_is_worth_what_its_last_state_is():
+    """γ = 0.5, λ = 1: one lane, two steps; the second is cut at a state worth V. G = 0 + 0.5·(0 + 0.5·V)."""
+    learner = PPO(2, 2, seed=3, settings=PPOSettings(discount=0.5, trace_decay=1.0))
+    buffer = RolloutBuffer.empty(2, 1, 2)
+    buffer.observations[:, 0] = [[1.0, 0.0], [0.0, 1.0]]
+    buffer.final_observations[1, 0] = [2.0, -1.0]
+    buffer.last_observations[0] = [9.0, 9.0]  # of the next episode: no part of this one
+    buffer.ends[1] = buffer.truncated[1] = buffer.cut[1] = True
+    with torch.no_grad():
+        final = learner.critic(torch.tensor([[2.0, -1.0]])).item()
+    _, returns = learner._targets(buffer)
+    assert returns.tolist() == pytest.approx([0.25 * final, 0.5 * final])
+    buffer.cut[1], buffer.rewards[1] = False, -0.1  # it failed by itself, in the same step
+    _, returns = learner._targets(buffer)
+    assert returns.tolist() == pytest.approx([-0.05, -0.1])

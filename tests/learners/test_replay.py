@@ -11,7 +11,9 @@ LANES, STEPS = 2, 8
 GOAL = 3.0
 
 
-def block(first: int = 0, done_at: int | None = None, reached_at: int | None = None) -> RolloutBuffer:
+def block(
+    first: int = 0, done_at: int | None = None, reached_at: int | None = None, solved: bool = False
+) -> RolloutBuffer:
     """Observations are (place, speed, goal); actions are 0.1·t."""
     buffer = RolloutBuffer.empty(STEPS, LANES, 3, (1,), np.float32)
     times = np.arange(first, first + STEPS)
@@ -19,8 +21,9 @@ def block(first: int = 0, done_at: int | None = None, reached_at: int | None = N
     buffer.observations[:] = np.stack([places, np.ones_like(places), np.full_like(places, GOAL)], -1)
     buffer.last_observations[:] = buffer.observations[-1] + np.array([1, 0, 0])
     buffer.actions[:] = 0.1 * times[:, None, None]
+    buffer.final_observations[:] = buffer.observations + np.array([1, 0, 0])
     if done_at is not None:
-        buffer.done[done_at] = buffer.ends[done_at] = True
+        (buffer.terminated if solved else buffer.truncated)[done_at] = buffer.ends[done_at] = True
     if reached_at is not None:
         buffer.reached[reached_at] = buffer.ends[reached_at] = True
         buffer.rewards[reached_at] = 5.0
@@ -71,20 +74,36 @@ def test_hindsight_stays_within_the_episode():
     made = replay(Hindsight(goal_size=1, radius=0.25, future=1.0, span=6), done_at=4)
     observations, _, _, ends, _, steps = sample(made)
     before = observations[:, 0] % 10 < 4
-    assert (observations[before, 2] % 10 <= 4).all()  # what the last action led to is lost
+    assert (observations[before, 2] % 10 <= 5).all()  # to where the last action led, and no further
     last = observations[:, 0] % 10 == 4
-    assert (observations[last, 2] == GOAL).all()
-    assert np.isinf(steps[last]).all()
-    assert not ends[last].any()
+    assert (observations[last, 2] % 10 == 5).all()
+    assert (steps[last] == 0).all()
+    assert ends[last].all()
+
+
+@pytest.mark.parametrize("solved", [False, True])
+def test_the_next_state_is_of_the_same_episode(solved: bool) -> None:
+    """After the fourth action an episode ends at place 5, and the next one begins at place 7."""
+    made, jumped = Replay(100, LANES, 3, 1, Hindsight()), block(done_at=4, solved=solved)
+    jumped.observations[5:, :, 0] += 1
+    made.add(jumped)
+    observations, _, _, ends, following, _ = sample(made)
+    last = observations[:, 0] % 10 == 4
+    assert (following[last, 0] % 10 == 5).all(), "where that episode ended"
+    assert (ends[last] == solved).all(), "the horizon is no end to what could have come, a solved task is"
+    assert not ends[~last].any()
 
 
 def test_a_goal_that_was_reached_in_the_last_step_is_what_it_achieved():
-    made = replay(Hindsight(goal_size=1, radius=0.25, future=1.0, span=6), done_at=4, reached_at=4)
+    made = replay(
+        Hindsight(goal_size=1, radius=0.25, reward=5.0, future=1.0, span=6), done_at=2, reached_at=2
+    )
     observations, _, rewards, ends, _, steps = sample(made)
-    last = observations[:, 0] % 10 == 4
+    last = observations[:, 0] == 2
+    assert (observations[last, 2] == GOAL).all()
     assert (rewards[last] == 5.0).all()
     assert ends[last].all()
-    to_it = (observations[:, 0] % 10 == 2) & (observations[:, 2] == GOAL) & (steps == 2)
+    to_it = (observations[:, 0] == 0) & (observations[:, 2] == GOAL) & (steps == 2)
     assert to_it.any()
 
 

@@ -11,6 +11,8 @@ from paddlectl.learners.td3 import TD3, TD3Settings
 
 SMALL = {"hidden": (32, 32), "warm_up": 64, "batch": 64, "learning_rate": 3e-3, "optimiser": "adam"}
 
+RNG = np.random.default_rng(0)
+
 
 def of_constant_values(first: float, second: float, **settings) -> TD3:
     learner = TD3(2, 1, 0, TD3Settings(**{**SMALL, **settings}))
@@ -53,7 +55,7 @@ def bandit_block(learner: TD3, rng: np.random.Generator) -> RolloutBuffer:
     buffer = RolloutBuffer.empty(8, 32, 2, (1,), np.float32)
     buffer.observations[:] = rng.uniform(-0.8, 0.8, (8, 32, 2))
     for t in range(8):
-        buffer.actions[t], buffer.log_probs[t] = learner.act(buffer.observations[t])
+        buffer.actions[t], buffer.log_probs[t] = learner.act(buffer.observations[t], rng)
     buffer.rewards[:] = 1.0 - np.abs(buffer.actions[..., 0] - buffer.observations[..., 0])
     buffer.ends[:] = buffer.reached[:] = True
     return buffer
@@ -70,17 +72,17 @@ def test_it_learns_the_action_that_is_named():
     learner = trained(0)
     assert learner.updates == 40 * 16
     seen = np.random.default_rng(1).uniform(-0.8, 0.8, (200, 2)).astype(np.float32)
-    actions, log_probs = learner.frozen().act(seen)
+    actions, log_probs = learner.frozen().act(seen, RNG)
     assert np.abs(actions[:, 0] - seen[:, 0]).mean() < 0.12
     assert not log_probs.any()
 
 
 def test_it_acts_at_random_until_it_is_warm_and_within_bounds_ever_after():
     learner = TD3(2, 1, 0, TD3Settings(**SMALL, exploration=2.0))
-    first, _ = learner.act(np.zeros((2000, 2), np.float32))
+    first, _ = learner.act(np.zeros((2000, 2), np.float32), RNG)
     assert np.histogram(first, 4, (-1, 1))[0].min() > 400
     learner.update(bandit_block(learner, np.random.default_rng(0)))
-    later, _ = learner.act(np.zeros((2000, 2), np.float32))
+    later, _ = learner.act(np.zeros((2000, 2), np.float32), RNG)
     assert np.abs(later).max() == 1.0
 
 
@@ -90,8 +92,8 @@ def test_random_actions_rise_from_lane_to_lane_and_fall_over_the_budget():
         learner.update(bandit_block(learner, np.random.default_rng(0)))
         learner.anneal(done)
         seen = np.zeros((100, 2), np.float32)
-        best = learner.act(seen)[0][0]  # the first lane never acts at random
-        return np.mean([learner.act(seen)[0] != best for _ in range(60)], 0)[:, 0]
+        best = learner.act(seen, RNG)[0][0]  # the first lane never acts at random
+        return np.mean([learner.act(seen, RNG)[0] != best for _ in range(60)], 0)[:, 0]
 
     np.testing.assert_allclose(share(0.0), np.linspace(0, 1, 100), atol=0.3)
     np.testing.assert_allclose(share(0.5), np.linspace(0, 0.5, 100), atol=0.3)
@@ -102,7 +104,7 @@ def test_the_slow_copies_lag_behind_and_guides_are_played_by_them():
     learner = trained(0, blocks=4)
     seen = np.zeros((1, 2), np.float32)
     slow = learner.slow.actor(torch.zeros(1, 2)).tanh().item()
-    assert learner.guide().act(seen)[0].item() == pytest.approx(slow)
+    assert learner.guide().act(seen, RNG)[0].item() == pytest.approx(slow)
     assert learner.online.actor(torch.zeros(1, 2)).tanh().item() != pytest.approx(slow, abs=1e-6)
 
 
@@ -149,7 +151,7 @@ def test_what_is_inherited_is_used_at_once():
     heir.inherit(learner.state(), 0.7)
     seen = np.random.default_rng(0).uniform(-0.8, 0.8, (50, 2)).astype(np.float32)
     expected = learner.online.actor(torch.from_numpy(seen)).tanh().detach().numpy()
-    np.testing.assert_allclose(heir.act(seen)[0], expected, atol=1e-6)
+    np.testing.assert_allclose(heir.act(seen, RNG)[0], expected, atol=1e-6)
 
 
 def guided_block(rng: np.random.Generator) -> RolloutBuffer:
@@ -173,7 +175,7 @@ def test_who_clones_learns_what_guides_did_that_reached_their_subgoal_and_nothin
     for _ in range(40):
         heir.update(guided_block(rng))
     seen = rng.uniform(-0.8, 0.8, (200, 2)).astype(np.float32)
-    assert np.abs(heir.frozen().act(seen)[0] - seen[:, :1] / 2).mean() < 0.03
+    assert np.abs(heir.frozen().act(seen, RNG)[0] - seen[:, :1] / 2).mean() < 0.03
     critics = [name for name in given if name.startswith("online.critics")]
     assert critics and all(torch.equal(heir.state()[name], given[name]) for name in critics)
 
@@ -183,7 +185,7 @@ def test_who_clones_does_not_explore_and_learns_nothing_by_itself():
     given = {name: value.clone() for name, value in trained(0, blocks=4).state().items()}
     heir.inherit(given, 0.7)
     seen = np.zeros((50, 2), np.float32)
-    assert np.ptp(heir.act(seen)[0]) < 1e-6
+    assert np.ptp(heir.act(seen, RNG)[0]) < 1e-6
     heir.update(bandit_block(heir, np.random.default_rng(0)))
     assert all(torch.equal(value, given[name]) for name, value in heir.state().items())
 

@@ -16,7 +16,7 @@ from paddlectl.learners.ppo import PPO, PPOSettings
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.transfer import guides, paddle
-from paddlectl.transfer.guidance import GuidanceSettings
+from paddlectl.transfer.guidance import GuidanceSettings, PaperSettings
 from paddlectl.transfer.similarity import map_scenes
 from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, STAY, TASK, TWO, ByScript, Corridor
 
@@ -39,7 +39,9 @@ def target(seed=0, settings=SMALL):
 
 def sources(*programs, actor=None):
     return [
-        guides.Source(f"policy-{number}", f"Task{number}", parse_program(text), actor or ByScript(RIGHT))
+        guides.Source(
+            f"policy-{number}", f"Task{number}", TASK.heads, parse_program(text), actor or ByScript(RIGHT)
+        )
         for number, text in enumerate(programs, start=1)
     ]
 
@@ -84,11 +86,15 @@ def test_heads_that_the_target_lacks_can_be_led_to():
     assert made.similarity[FAR_SCENE, 1] == pytest.approx(0.8)
 
 
-def one_of_each(mode, policy, given, lanes=1, seed=0):
+LETTER = PaperSettings(1.0, "clip", 0.0, "per_guide", 0.0)
+"""The equations as printed."""
+
+
+def one_of_each(mode, policy, given, lanes=1, seed=0, readings=LETTER):
     made = candidates(policy, given)
     rng = np.random.default_rng(seed)
     chooser = (
-        guides.PaperGuides(policy, made, lanes, rng)
+        guides.PaperGuides(policy, made, lanes, rng, readings)
         if mode == "paper"
         else guides.PlannedGuides(policy, made, lanes, rng, GuidanceSettings())
     )
@@ -112,7 +118,9 @@ def tell(chooser, scene, head, reward, following=None, reached=False, lane=0):
             steps=np.array([3]),
             rewards=np.array([reward], np.float32),
             reached=np.array([reached]),
-            done=np.array([following is None]),
+            cut=np.array([False]),
+            terminated=np.array([following is None]),
+            truncated=np.array([False]),
             next_situations=np.array([0 if following is None else following * LEVELS]),
         )
     )
@@ -373,8 +381,8 @@ def test_evaluation_never_plays_the_layouts_that_were_trained_on():
     """Whatever the seeds: a user may well give the same one to `transfer` and `evaluate`."""
     made = []
 
-    def make(lanes, seed, repeat=1):
-        made.append(seed)
+    def make(lanes, seed, repeat=1, split="training"):
+        made.append(split)
         return Corridor(lanes, 0, repeat)
 
     policy = HybridPolicy(replace(TASK, make=make), 0, SMALL)

@@ -30,7 +30,8 @@ class TransferJob:
     """Run a scenario once; `sources` are policy ids.
 
     Attributes:
-        rules: Of `guidance: default`; None are those that fit the task. Nothing to `paper`.
+        rules: Of `guidance: default`; None are those that fit the task. Nothing to `paper`, whose settings
+            are the scenario's.
         hybrid: As for a `TrainJob`. Not the shape of the networks: a kept policy is revived with
             the usual one.
     """
@@ -46,14 +47,17 @@ class TransferJob:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is; the rates are over its latest episodes."""
+    """How far a run is; the rates are over its latest 100 episodes in the order of their start.
+
+    They are None as long as the first of them goes on.
+    """
 
     run: str
     frames: int
     total: int
     episodes: int
-    success_rate: float
-    mean_score: float
+    success_rate: float | None
+    mean_score: float | None
     note: str
 
 

@@ -7,16 +7,12 @@ from contextlib import contextmanager
 from importlib.metadata import distributions, version
 from typing import Any
 
-import numpy as np
-
+from paddlectl.experiments.curves import InOrder, rates
 from paddlectl.experiments.jobs import Progress
 from paddlectl.hybrid.rollout import Episode
 from paddlectl.hybrid.training import Round
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
-
-WINDOW = 100
-"""Episodes that `jump_start`, `final_score` and the progress figures are over."""
 
 
 class RunLog:
@@ -36,12 +32,14 @@ class RunLog:
         self.results: dict[str, Any] = {}
         self._registry = registry
         self._began = time.monotonic()
+        self._in_order: InOrder[Episode] = InOrder()
+        self._counted = 0
 
     def add(self, round_: Round, **figures: float) -> None:
         """Takes in a round and appends it, with further figures, to the run's tables."""
         self.frames = round_.frames
         self.episodes += round_.episodes
-        row = {**self.counts(), **self._rates(), **figures}
+        row = {**self.counts(), **rates(self.known()), **figures}
         self._registry.append_rows(self.run, "episodes", map(_episode_row, round_.episodes))
         self._registry.append_rows(self.run, "progress", [row])
 
@@ -57,11 +55,13 @@ class RunLog:
 
     def progress(self, total: int, note: str = "") -> Progress:
         """How far the run is, of `total` frames."""
-        return Progress(self.run, self.frames, total, len(self.episodes), **self._rates(), note=note)
+        return Progress(self.run, self.frames, total, len(self.episodes), **rates(self.known()), note=note)
 
-    def _rates(self) -> dict[str, float]:
-        scores = np.array([episode.score for episode in self.episodes[-WINDOW:]] or [0.0])
-        return {"success_rate": float((scores > 0).mean()), "mean_score": float(scores.mean())}
+    def known(self) -> Sequence[Episode]:
+        """Episodes in the order in which they started, up to the first that hasn't ended."""
+        self._in_order.add(self.episodes[self._counted :])
+        self._counted = len(self.episodes)
+        return self._in_order.known
 
 
 @contextmanager
@@ -81,31 +81,6 @@ def recorded(registry: Registry, run: RunRecord) -> Iterator[RunLog]:
         registry.drop_checkpoints(run.id)
 
 
-def curve_figures(episodes: Sequence[Episode], frames: int) -> dict[str, float]:
-    """The figures of a learning curve.
-
-    Args:
-        episodes: In the order in which they ended.
-        frames: Of the whole run.
-
-    Returns:
-        `jump_start`: mean score of the first 100 episodes started; lanes that finish early are the lucky
-        ones, so one that didn't end within the run counts as 0. `final_score` and `success_rate`: of the
-        last 100 that ended. `area_under_curve`: mean over 100 equal spans of the run of the mean score of
-        the latest 100 episodes, 0 before the first.
-    """
-    scores = np.array([episode.score for episode in episodes])
-    ended = np.array([episode.finished for episode in episodes])
-    first = [episode.score for episode in episodes if episode.order < WINDOW]
-    spans = np.searchsorted(ended, frames * np.arange(1, 101) / 100, side="right")
-    return {
-        "jump_start": sum(first) / WINDOW,
-        "final_score": _mean(scores[-WINDOW:]),
-        "success_rate": _mean(scores[-WINDOW:] > 0),
-        "area_under_curve": float(np.mean([_mean(scores[max(0, n - WINDOW) : n]) for n in spans])),
-    }
-
-
 def versions() -> dict[str, str]:
     """What a run depends on: equal seeds give equal results where these are equal."""
     packages = ("paddlectl", "torch", "numpy", "gymnasium", "minigrid", "gymnasium-robotics", "mujoco")
@@ -116,10 +91,6 @@ def versions() -> dict[str, str]:
         "threads": "1",
         **{package: version(package) for package in packages if package in installed},
     }
-
-
-def _mean(values: np.ndarray) -> float:
-    return float(values.mean()) if len(values) else 0.0
 
 
 def _episode_row(episode: Episode) -> dict[str, Any]:

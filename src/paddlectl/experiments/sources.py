@@ -22,7 +22,7 @@ from paddlectl.tasks.base import Task
 from paddlectl.tasks.suite import load
 
 RECENT = 500
-"""Episodes that the crispness shown meanwhile is over."""
+"""Latest episodes that the crispness shown meanwhile is over."""
 
 EVALUATION_EPISODES = 200
 EVALUATION_SEED = 12345
@@ -64,7 +64,7 @@ def train_source(
         learning = training.train(policy, job.seed, frames)
         with pace.rounds(registry, log, {"learning": learning}) as after_round:
             for round_ in learning:
-                crisp = crispness(policy, (log.episodes + round_.episodes)[-RECENT:])
+                crisp = crispness(policy, log.known()[-RECENT:])
                 log.add(round_, crispness=crisp)
                 report(log.progress(frames, f"crisp {crisp:.2f}"))
                 after_round()

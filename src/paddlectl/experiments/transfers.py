@@ -1,14 +1,15 @@
 """Running a scenario: PADDLE from its sources, or the hybrid model from scratch."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from paddlectl.errors import IntegrityError, InvalidFileError
+from paddlectl.experiments.curves import WINDOW, curve_figures
 from paddlectl.experiments.jobs import Progress, TransferJob
-from paddlectl.experiments.log import WINDOW, curve_figures, recorded, versions
+from paddlectl.experiments.log import recorded, versions
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.sources import keep, preset, revive
 from paddlectl.hybrid import training
@@ -45,8 +46,7 @@ def run_transfer(
         A row of `transfer --json`.
     """
     task = load(job.scenario.target)
-    paper = {"decisions": {"patience": 1.0}} if job.scenario.guidance.mode == "paper" else {}
-    settings = settings_for(task, preset(task, _way(job, task)), job.hybrid, paper)
+    settings = settings_for(task, preset(task, _way(job, task)), _paper_way(job), job.hybrid)
     pace = pace or Pace()
     run = pace.begin(registry, lambda: _new_run(job, task, settings, registry))
     with recorded(registry, run) as log:
@@ -66,7 +66,7 @@ def run_transfer(
         if account is not None:
             account.close()
         kept = keep(registry, run, target, log)
-        figures = curve_figures(log.episodes, job.frames)
+        figures = curve_figures(log.episodes, log.frames)
         log.results = figures | {"mean_length": kept.mean_length, "crispness": kept.crispness}
     return {
         "run": run.id,
@@ -103,6 +103,14 @@ def _way(job: TransferJob, task: Task) -> str | None:
     return GUIDED if inherits and GUIDED in task.presets else None
 
 
+def _paper_way(job: TransferJob) -> Mapping[str, Any]:
+    """What `guidance: paper` asks of the hybrid model: its environments, and guides as patient as itself."""
+    readings = job.scenario.guidance.readings()
+    if job.method != "paddle" or readings is None:
+        return {}
+    return {"lanes": readings.lanes, "block": readings.block, "decisions": {"patience": 1.0}}
+
+
 def _rules(job: TransferJob, task: Task) -> GuidanceSettings:
     return job.rules or dataclasses.replace(GuidanceSettings(), **task.guidance)
 
@@ -115,10 +123,14 @@ def _guided(
     mapping, document = _mapping(target, sources, job.scenario.similarity)
     registry.write_document(run.id, "mapping", document)
     lanes, sharpness = target.settings.lanes, target.settings.sharpness
-    candidates = guides.candidates_of(target.task, target.clauses.bodies, sources, mapping, sharpness)
+    readings = job.scenario.guidance.readings()
+    softness = readings.source_softness if readings else 0.0
+    candidates = guides.candidates_of(
+        target.task, target.clauses.bodies, sources, mapping, sharpness, softness
+    )
     rng = np.random.default_rng(job.seed)
-    if job.scenario.guidance.mode == "paper":
-        chooser: guides.GuideChooser = guides.PaperGuides(target, candidates, lanes, rng)
+    if readings:
+        chooser: guides.GuideChooser = guides.PaperGuides(target, candidates, lanes, rng, readings)
     else:
         rules = _rules(job, target.task)
         chooser = guides.PlannedGuides(target, candidates, lanes, rng, rules)
@@ -142,7 +154,7 @@ def _shapes(learner: Learner) -> dict[str, tuple[int, ...]]:
 
 def _source(registry: Registry, policy: str) -> guides.Source:
     record = registry.policy(policy)
-    low_level = revive(registry, record).low_level
+    revived = revive(registry, record)
     try:
         program = parse_program(record.program)
     except InvalidFileError as error:
@@ -150,7 +162,7 @@ def _source(registry: Registry, policy: str) -> guides.Source:
             f"the program of {record.id} is damaged: {error.message}",
             f"train it again: paddlectl train {record.task}",
         ) from error
-    return guides.Source(record.id, record.task, program, low_level)
+    return guides.Source(record.id, record.task, revived.task.heads, program, revived.low_level)
 
 
 def _mapping(
@@ -177,18 +189,18 @@ class _RunAccount:
         self._frames = frames
         self._phase, self._episodes, self._since = "early", 0, 0
         self._trace: dict[str, Any] = {}
-        self._rows: list[dict[str, Any]] = []
+        self._now = 0
 
     def take(self, round_: Round) -> None:
         """Takes in what happened in a round."""
         self._episodes += len(round_.episodes)
         _trace(self._trace, self._phase, round_.episodes, self._chooser.traces, self._account)
         self._chooser.traces.clear()
-        self._rows = list(self._account.weights(self._phase, round_.frames))
+        self._now = round_.frames
         tenth = self._frames // 10
         if self._phase == "early" and self._episodes >= WINDOW:
             self._append()
-            self._phase, self._since, self._rows = "late", round_.frames, []
+            self._phase, self._since = "late", round_.frames
             self._chooser.clear()
         elif (
             self._phase == "late"
@@ -204,7 +216,8 @@ class _RunAccount:
         self._registry.write_document(self._run, "trace", self._trace)
 
     def _append(self) -> None:
-        self._registry.append_rows(self._run, "weights", self._rows)
+        rows = self._account.weights(self._phase, self._now)
+        self._registry.append_rows(self._run, "weights", rows)
 
 
 def _trace(

@@ -75,20 +75,20 @@ class PlannedCredit:
         """Counts the decisions for the heads that the clauses know."""
         discounts = self._clauses.settings.discounts(outcome.steps)
         taught = (outcome.guides != TARGET) & outcome.reached
-        for situation, head, guided, discount, reward, done, following in zip(
+        for situation, head, guided, discount, reward, terminated, following in zip(
             outcome.situations,
             self._head_of[outcome.heads],
             taught,
             discounts,
             outcome.rewards,
-            outcome.done,
+            outcome.terminated,
             outcome.next_situations,
             strict=True,
         ):
             if head >= 0:
                 self._visits[situation] += 1
                 self._guided[situation, head] += guided
-                self._plan.record(situation, head, reward, None if done else following, discount)
+                self._plan.record(situation, head, reward, None if terminated else following, discount)
 
     def update(self, episodes: Sequence[Episode]) -> None:
         """Evaluates the present program in the plan, then follows its advantages."""

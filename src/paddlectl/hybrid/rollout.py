@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from paddlectl.learners.base import Actor
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
-from paddlectl.tasks.base import Bools, Environment, Floats, Ints
+from paddlectl.tasks.base import Bools, Environment, Floats, Ints, Step
 
 LEVELS = 6
 """Levels of progress that are told apart within a scene.
@@ -107,8 +107,11 @@ class Outcome(NamedTuple):
     Attributes:
         situations: Where it was taken.
         rewards: Extrinsic reward within the decision.
-        done: The episode ended with it.
-        next_situations: Where it led; meaningless when done.
+        cut: It ended for no other reason than the horizon: whether it would have reached its subgoal isn't
+            known.
+        terminated: The task was solved with it: nothing is to come.
+        truncated: The episode ended unsolved with it, at the horizon.
+        next_situations: Where it led.
     """
 
     lanes: Ints
@@ -118,8 +121,15 @@ class Outcome(NamedTuple):
     steps: Ints
     rewards: Floats
     reached: Bools
-    done: Bools
+    cut: Bools
+    terminated: Bools
+    truncated: Bools
     next_situations: Ints
+
+    @property
+    def done(self) -> Bools:
+        """The episode ended with it. [n]"""
+        return self.terminated | self.truncated
 
 
 class Chooser(Protocol):
@@ -155,6 +165,7 @@ class Rollout:
         chooser: Picks guide and head.
         actors: The low level of each guide; the learning policy's first.
         settings: When a decision ends.
+        rng: Of what the actors leave to chance.
         witnesses: Told of every decision that ended.
     """
 
@@ -166,6 +177,7 @@ class Rollout:
         chooser: Chooser,
         actors: Sequence[Actor],
         settings: DecisionSettings,
+        rng: np.random.Generator,
         witnesses: Sequence[Witness] = (),
     ) -> None:
         lanes = environment.lanes
@@ -175,6 +187,7 @@ class Rollout:
         self._chooser = chooser
         self._actors = actors
         self._settings = settings
+        self._rng = rng
         self._witnesses = witnesses
         self._head = np.zeros(lanes, np.intp)
         self._guide = np.zeros(lanes, np.intp)
@@ -222,9 +235,9 @@ class Rollout:
         for number, actor in enumerate(self._actors):
             led = self._guide == number
             if led.all():
-                actions[:], log_probs[:] = actor.act(observations)
+                actions[:], log_probs[:] = actor.act(observations, self._rng)
             elif led.any():
-                actions[led], log_probs[led] = actor.act(observations[led])
+                actions[led], log_probs[led] = actor.act(observations[led], self._rng)
 
     def _step(self, buffer: RolloutBuffer, t: int) -> Iterator[Episode]:
         settings = self._settings
@@ -236,18 +249,24 @@ class Rollout:
         done = step.terminated | step.truncated
         scene = self._reader.scenes(self.environment.valuation())
         reached = self.environment.reached(self._head) & (self._limit > 1)
-        ends = done | reached | (scene != self._scene) | (self._steps >= self._limit)
+        over = step.terminated | reached | (scene != self._scene) | (self._steps >= self._limit)
+        cut = step.truncated & ~over
+        ends = over | cut
         prompt = settings.reached_reward - settings.delay_cost * self._steps / settings.max_steps
-        buffer.rewards[t] = np.where(reached, prompt, np.where(ends, settings.failed_reward, 0.0))
+        buffer.rewards[t] = np.where(reached, prompt, np.where(over, settings.failed_reward, 0.0))
         buffer.ends[t] = ends
         buffer.reached[t] = reached
-        buffer.done[t] = done
-        self._record(np.flatnonzero(ends), reached, done, scene)
+        buffer.cut[t] = cut
+        buffer.terminated[t] = step.terminated
+        buffer.truncated[t] = step.truncated
+        if ends.any():
+            buffer.final_observations[t] = self.environment.observe(self._head)
+        self._record(np.flatnonzero(ends), reached, cut, step, scene)
         self._pending = ends
         self._scene = scene
         return self._finish(np.flatnonzero(done), done, step.score)
 
-    def _record(self, lanes: Ints, reached: Bools, done: Bools, next_scenes: Ints) -> None:
+    def _record(self, lanes: Ints, reached: Bools, cut: Bools, step: Step, next_scenes: Ints) -> None:
         if not len(lanes):
             return
         scenes, rewards = self._scene[lanes], self._reward[lanes]
@@ -261,7 +280,9 @@ class Rollout:
             self._steps[lanes],
             rewards,
             reached[lanes],
-            done[lanes],
+            cut[lanes],
+            step.terminated[lanes],
+            step.truncated[lanes],
             next_scenes[lanes] * LEVELS + self._level[lanes],
         )
         place = (lanes, self._count[lanes])

@@ -97,16 +97,16 @@ class Learning:
 
 def train(policy: HybridPolicy, seed: int, frames: int) -> Learning:
     """Learns from scratch within `frames`; the consumer may leave off earlier."""
-    layouts, choices = np.random.SeedSequence(seed).spawn(2)
+    environments, choices = np.random.SeedSequence(seed).spawn(2)
     chooser = OwnProgram(policy, np.random.default_rng(choices))
-    return learn(policy, chooser, [policy.low_level], layouts, frames)
+    return learn(policy, chooser, [policy.low_level], environments, frames)
 
 
 def learn(
     policy: HybridPolicy,
     chooser: Chooser,
     actors: Sequence[Actor],
-    layouts: np.random.SeedSequence,
+    seed: np.random.SeedSequence,
     frames: int,
     witnesses: Sequence[Witness] = (),
 ) -> Learning:
@@ -116,12 +116,12 @@ def learn(
         policy: Who learns.
         chooser: Who decides.
         actors: The low level of each guide that the chooser may name; the policy's own first.
-        layouts: Seed of the layouts.
+        seed: Of the layouts, and of what the actors leave to chance.
         frames: The budget: as many whole blocks as it holds, and one at least.
         witnesses: Told of the decisions, besides the policy's own credit.
     """
     settings = policy.settings
-    environment = policy.task.make(settings.lanes, int(layouts.generate_state(1)[0]), settings.repeat)
+    environment = policy.task.make(settings.lanes, int(seed.generate_state(1)[0]), settings.repeat)
     credit = policy.credit()
     rollout = Rollout(
         environment,
@@ -130,6 +130,7 @@ def learn(
         chooser,
         actors,
         settings.decisions,
+        np.random.default_rng(seed.spawn(1)[0]),
         [*witnesses, credit],
     )
     buffer = _buffer(settings.block, environment)
@@ -138,13 +139,16 @@ def learn(
 
 
 def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Evaluation:
-    """Plays the first `episodes` layouts of `seed`, one a lane; nothing is learned.
+    """Plays the first `episodes` evaluation layouts of `seed`, one a lane; nothing is learned.
+
+    All chance comes from `seed`: whoever evaluates the same policy gets the same figures.
 
     The task may be another than the policy's, of the same domain: its facts are then read in the policy's
     own vocabulary.
     """
-    environment = task.make(episodes, seed, policy.settings.repeat)
-    chooser = OwnProgram(policy, np.random.default_rng(seed), policy.settings.sharpness)
+    choices, actions = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(2))
+    environment = task.make(episodes, seed, policy.settings.repeat, "evaluation")
+    chooser = OwnProgram(policy, choices, policy.settings.sharpness)
     rollout = Rollout(
         environment,
         task.horizon,
@@ -152,6 +156,7 @@ def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Eval
         chooser,
         [policy.low_level.frozen()],
         policy.settings.decisions,
+        actions,
     )
     buffer = _buffer(32, environment)
     played: list[Episode] = []

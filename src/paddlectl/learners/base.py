@@ -12,8 +12,13 @@ from paddlectl.learners.buffers import RolloutBuffer
 class Actor(Protocol):
     """Acts, and can't learn from it."""
 
-    def act(self, observations: NDArray[np.float32]) -> tuple[NDArray[Any], NDArray[np.float32]]:
-        """Actions [B, ...] for observations [B, D], and their log-probabilities [B]: 0 if they have none."""
+    def act(
+        self, observations: NDArray[np.float32], rng: np.random.Generator
+    ) -> tuple[NDArray[Any], NDArray[np.float32]]:
+        """Actions [B, ...] for observations [B, D], and their log-probabilities [B]: 0 if they have none.
+
+        All chance comes from `rng`, so that what is done depends on the networks and the caller's seed alone.
+        """
 
 
 class Learner(Actor, Protocol):
@@ -50,5 +55,5 @@ class LearnerSettings(Protocol):
         Args:
             observation_size: Numbers in an observation.
             actions: To choose from, or numbers in one.
-            seed: Of its networks and its draws.
+            seed: Of its networks, and of its draws while it learns.
         """

@@ -15,7 +15,9 @@ TARGET = 0
 class RolloutBuffer:
     """Low-level samples (s, a, r_intra) of T steps of B lanes, with the decision that each belongs to.
 
-    A decision's end is terminal for the low level, so no return crosses one.
+    No return crosses the end of a decision. An end is terminal, but for a decision that only the horizon
+    cut off: what would have come of it is worth V of the state that the episode ended in (Pardo et al.,
+    2018).
 
     Attributes:
         observations: [T, B, D]
@@ -24,8 +26,12 @@ class RolloutBuffer:
         rewards: Intrinsic. [T, B]
         ends: The decision ended with this step. [T, B]
         reached: The decision ended with this step by reaching its subgoal. [T, B]
-        done: The episode ended with this step. [T, B]
+        cut: The decision ended with this step for no other reason than the horizon. [T, B]
+        terminated: The task was solved with this step. [T, B]
+        truncated: The episode ended unsolved with this step, at the horizon. [T, B]
         guides: Who acted: TARGET or a source's number. [T, B]
+        final_observations: Where a decision ended with this step: what followed it, under the same decision
+            and in the same episode. [T, B, D]
         last_observations: After the last step, under the decision then running. [B, D]
     """
 
@@ -35,8 +41,11 @@ class RolloutBuffer:
     rewards: NDArray[np.float32]
     ends: NDArray[np.bool_]
     reached: NDArray[np.bool_]
-    done: NDArray[np.bool_]
+    cut: NDArray[np.bool_]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
     guides: NDArray[np.intp]
+    final_observations: NDArray[np.float32]
     last_observations: NDArray[np.float32]
 
     @classmethod
@@ -56,10 +65,23 @@ class RolloutBuffer:
             rewards=np.zeros(shape, np.float32),
             ends=np.zeros(shape, np.bool_),
             reached=np.zeros(shape, np.bool_),
-            done=np.zeros(shape, np.bool_),
+            cut=np.zeros(shape, np.bool_),
+            terminated=np.zeros(shape, np.bool_),
+            truncated=np.zeros(shape, np.bool_),
             guides=np.zeros(shape, np.intp),
+            final_observations=np.zeros((*shape, observation_size), np.float32),
             last_observations=np.zeros((lanes, observation_size), np.float32),
         )
+
+    @property
+    def done(self) -> NDArray[np.bool_]:
+        """The episode ended with this step. [T, B]"""
+        return self.terminated | self.truncated
+
+    def following(self) -> NDArray[np.float32]:
+        """What followed each step, under the same decision and in the same episode. [T, B, D]"""
+        after = np.concatenate([self.observations[1:], self.last_observations[None]])
+        return np.where(self.ends[:, :, None], self.final_observations, after)
 
     def of_reached_decisions(self) -> NDArray[np.bool_]:
         """Which samples belong to a decision that is known to have reached its subgoal. [T, B]"""

@@ -41,7 +41,7 @@ class PPOSettings:
     clip: float = 0.2
     entropy_coef: float = 0.01
     value_coef: float = 0.5
-    epochs: int = 4
+    epochs: int = 3
     minibatch: int = 512
     max_gradient_norm: float = 0.5
     clone_coef: float = 0.5
@@ -55,7 +55,7 @@ class PPOSettings:
 class FrozenPPO(NamedTuple):
     """An actor that doesn't learn."""
 
-    act: Callable[[NDArray[np.float32]], tuple[NDArray[np.int64], NDArray[np.float32]]]
+    act: Callable[[NDArray[np.float32], np.random.Generator], tuple[NDArray[np.int64], NDArray[np.float32]]]
 
 
 class PPO:
@@ -69,7 +69,7 @@ class PPO:
         self, observation_size: int, actions: int, seed: int, settings: PPOSettings | None = None
     ) -> None:
         self.settings = settings or PPOSettings()
-        self.generator = torch.Generator().manual_seed(seed)
+        self.rng = np.random.default_rng(seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.actor = mlp(observation_size, actions, output_gain=0.01)
@@ -81,9 +81,11 @@ class PPO:
             eps=1e-5,
         )
 
-    def act(self, observations: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    def act(
+        self, observations: NDArray[np.float32], rng: np.random.Generator
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Samples actions [B] and their log-probabilities [B] for observations [B, D]."""
-        return self._sample(observations, 1.0)
+        return self._sample(observations, rng, 1.0)
 
     def frozen(self) -> "FrozenPPO":
         """The same actor once it has learned: it explores less."""
@@ -95,10 +97,11 @@ class PPO:
 
     @torch.no_grad()
     def _sample(
-        self, observations: NDArray[np.float32], sharpness: float
+        self, observations: NDArray[np.float32], rng: np.random.Generator, sharpness: float
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         log_probs = (sharpness * self.actor(torch.from_numpy(observations))).log_softmax(-1)
-        noise = torch.rand(log_probs.shape, generator=self.generator).clamp_min_(1e-10).log_().neg_().log_()
+        uniform = torch.from_numpy(rng.random(log_probs.shape, np.float32))
+        noise = uniform.clamp_min_(1e-10).log_().neg_().log_()
         actions = (log_probs - noise).argmax(-1)
         return actions.numpy(), log_probs.gather(-1, actions[:, None])[:, 0].numpy()
 
@@ -153,8 +156,13 @@ class PPO:
     def _targets(self, buffer: RolloutBuffer) -> tuple[torch.Tensor, torch.Tensor]:
         values = self.critic(torch.from_numpy(buffer.observations)).squeeze(-1)
         last_values = self.critic(torch.from_numpy(buffer.last_observations)).squeeze(-1)
+        rewards = torch.from_numpy(buffer.rewards)
+        if buffer.cut.any():
+            cut = torch.from_numpy(buffer.cut)
+            final = self.critic(torch.from_numpy(buffer.final_observations[buffer.cut])).squeeze(-1)
+            rewards = rewards.masked_scatter(cut, rewards[cut] + self.settings.discount * final)
         advantages = generalised_advantages(
-            torch.from_numpy(buffer.rewards),
+            rewards,
             values,
             last_values,
             torch.from_numpy(buffer.ends).float(),
@@ -166,7 +174,7 @@ class PPO:
     def _minibatches(self, samples: torch.Tensor) -> tuple[torch.Tensor, ...]:
         if not len(samples):
             return ()
-        shuffled = samples[torch.randperm(len(samples), generator=self.generator)]
+        shuffled = samples[torch.from_numpy(self.rng.permutation(len(samples)))]
         count = max(1, round(len(samples) / self.settings.minibatch))
         return shuffled.chunk(count)
 

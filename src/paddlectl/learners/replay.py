@@ -60,8 +60,9 @@ class Hindsight:
 class Replay:
     """The latest transitions of B lanes, as a ring of rows in time.
 
-    A decision's end isn't an end to what could have come: only a goal that is reached is terminal. What an
-    episode's last action led to isn't known, unless it reached its goal.
+    Each row keeps the state that its own episode came to next, also where the episode ended with it. A goal
+    that is reached is terminal, and so is a task that is solved. A decision's end isn't, and neither is the
+    horizon: what could have come after it is worth what the critics say of the state that was come to.
 
     Args:
         capacity: Transitions that are kept.
@@ -82,7 +83,7 @@ class Replay:
         self.actions = np.zeros((*shape, actions), np.float32)
         self.rewards = np.zeros(shape, np.float32)
         self.reached = np.zeros(shape, np.bool_)
-        self.done = np.zeros(shape, np.bool_)
+        self.terminated = np.zeros(shape, np.bool_)
         self.episode = np.zeros(shape, np.intp)
         self._running = np.arange(lanes)
 
@@ -92,22 +93,18 @@ class Replay:
 
     def add(self, buffer: RolloutBuffer) -> None:
         """Appends a block of experience, whoever acted."""
-        after = np.concatenate([buffer.observations[1:], buffer.last_observations[None]])
+        after, done = buffer.following(), buffer.done
         for t in range(len(buffer.actions)):
             place = self.rows % len(self.rewards)
             self.observations[place] = buffer.observations[t]
-            self.following[place] = self._same_goal(after[t], buffer.observations[t])
+            self.following[place] = after[t]
             self.actions[place] = buffer.actions[t]
             self.rewards[place] = buffer.rewards[t]
             self.reached[place] = buffer.reached[t]
-            self.done[place] = buffer.done[t]
+            self.terminated[place] = buffer.terminated[t]
             self.episode[place] = self._running
-            self._running[buffer.done[t]] += len(self._running)
+            self._running[done[t]] += len(self._running)
             self.rows += 1
-
-    def _same_goal(self, after: Floats, before: Floats) -> Floats:
-        own = after.shape[1] - self.hindsight.goal_size
-        return np.hstack([after[:, :own], before[:, own:]])
 
     def sample(self, count: int, rng: np.random.Generator) -> Transitions:
         """Draws transitions, some of them with another goal in mind."""
@@ -124,7 +121,8 @@ class Replay:
             rewards = np.where(changed, self.hindsight.reward * near, rewards)
             reached = np.where(changed, near, reached)
             steps = np.minimum(np.where(reached, 0.0, np.inf), ahead)
-        columns = (observations, self.actions[at], rewards, reached, following, steps)
+        ends = reached | self.terminated[at]
+        columns = (observations, self.actions[at], rewards, ends, following, steps)
         return Transitions(*(torch.from_numpy(column.astype(np.float32)) for column in columns))
 
     def _place(self, age: Ints) -> Ints:
@@ -138,9 +136,9 @@ class Replay:
             [n], [n, G], [n] with inf where hindsight gave no goal.
         """
         rules, at = self.hindsight, (self._place(age), lane)
-        kind, known = rng.random(len(age)), ~self.done[at]
-        future = known & (kind < rules.future)
-        other = known & (kind >= rules.future) & (kind < rules.future + rules.others)
+        kind = rng.random(len(age))
+        future = kind < rules.future
+        other = ~future & (kind < rules.future + rules.others)
         ahead = self._ahead(age, lane, rng.integers(rules.span, size=len(age)))
         goals = self.observations[at][:, -rules.goal_size :].copy()
         goals[future] = self._achieved(self._place(age - ahead), lane)[future]
@@ -151,7 +149,7 @@ class Replay:
         """How many rows later a goal is taken from: as wanted, 0 where the episode isn't that long. [n]"""
         there, here = (self._place(np.maximum(age - wanted, 1)), lane), (self._place(age), lane)
         within = (wanted < age) & (self.episode[here] == self.episode[there])
-        return np.where(within & (~self.done[there] | self.reached[there]), wanted, 0)
+        return np.where(within, wanted, 0)
 
     def _achieved(self, place: Ints, lane: Ints) -> Floats:
         """What was achieved by these transitions; by one that reached its goal, that goal. [n, G]"""

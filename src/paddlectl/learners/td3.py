@@ -103,7 +103,7 @@ class TD3Settings:
 class FrozenTD3(NamedTuple):
     """An actor that doesn't learn."""
 
-    act: Callable[[Floats], tuple[Floats, Floats]]
+    act: Callable[[Floats, np.random.Generator], tuple[Floats, Floats]]
 
 
 class Networks(nn.Module):
@@ -150,7 +150,7 @@ class TD3:
         self._skilled = False
         self._errands = Errands(s.goal_size, s.errand_steps)
 
-    def act(self, observations: Floats) -> tuple[Floats, Floats]:
+    def act(self, observations: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """Actions with the noise of exploration [B, A], and zeros [B].
 
         It goes on errands, and acts at random, the less the more others act for it. Who clones does neither,
@@ -158,16 +158,16 @@ class TD3:
         """
         s, shape = self.settings, (len(observations), self.actions)
         if self._clones:
-            return _best(self.online, observations)
+            return _best(self.online, observations, rng)
         rate: float | NDArray[np.float64] = 0.0 if self._skilled else 1.0
         if self.replay and self._warm(self.replay):
             exploring = self._left * self._own
             rate = np.linspace(0.0, s.random_actions * exploring, shape[0])
             if s.errands:
-                observations = self._errands.send(observations, self.replay, s.errands * exploring, self.rng)
-        noisy = _best(self.online, observations)[0] + self.rng.normal(0.0, s.exploration, shape)
-        anyhow = self.rng.random(shape[0]) < rate
-        actions = np.where(anyhow[:, None], self.rng.uniform(-1.0, 1.0, shape), noisy.clip(-1.0, 1.0))
+                observations = self._errands.send(observations, self.replay, s.errands * exploring, rng)
+        noisy = _best(self.online, observations, rng)[0] + rng.normal(0.0, s.exploration, shape)
+        anyhow = rng.random(shape[0]) < rate
+        actions = np.where(anyhow[:, None], rng.uniform(-1.0, 1.0, shape), noisy.clip(-1.0, 1.0))
         return actions.astype(np.float32), np.zeros(shape[0], np.float32)
 
     def frozen(self) -> FrozenTD3:
@@ -286,7 +286,7 @@ class TD3:
 
 
 @torch.no_grad()
-def _best(networks: Networks, observations: Floats) -> tuple[Floats, Floats]:
-    """The actor's actions [B, A], and zeros [B]."""
+def _best(networks: Networks, observations: Floats, _: np.random.Generator) -> tuple[Floats, Floats]:
+    """The actor's actions [B, A], and zeros [B]; nothing is left to chance."""
     actions = networks.actor(networks.features(torch.from_numpy(observations))).tanh()
     return actions.numpy(), np.zeros(len(observations), np.float32)

@@ -26,9 +26,9 @@ class Tick(Protocol):
     @property
     def episodes(self) -> int: ...
     @property
-    def success_rate(self) -> float: ...
+    def success_rate(self) -> float | None: ...
     @property
-    def mean_score(self) -> float: ...
+    def mean_score(self) -> float | None: ...
     @property
     def note(self) -> str: ...
 
@@ -85,7 +85,9 @@ def _told(tick: Tick) -> str:
 
 
 def _rates(tick: Tick) -> str:
-    solved = f"success {100 * tick.success_rate:.0f} %  score {tick.mean_score:.2f}"
+    solved = "no episode known yet"
+    if tick.success_rate is not None and tick.mean_score is not None:
+        solved = f"success {100 * tick.success_rate:.0f} %  score {tick.mean_score:.2f}"
     return f"{solved}  {clean(tick.note)}".rstrip()
 
 

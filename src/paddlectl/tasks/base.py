@@ -1,5 +1,6 @@
 """What a task is to the rest of the house: symbols, subgoals, and a batch of environments."""
 
+import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
@@ -11,6 +12,9 @@ from paddlectl.logic.atoms import Atom, Literal
 
 GUIDED = "guided"
 """The preset of a task, if it has one, by which it is learned from guides."""
+
+Split = typing.Literal["training", "evaluation"]
+"""Layouts are split by value: an eighth of them is for evaluation alone and is never drawn in training."""
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
@@ -128,9 +132,9 @@ class Environment(Protocol):
 
 
 class Make(Protocol):
-    """Makes a reset environment; equal seeds give equal layouts."""
+    """Makes a reset environment; equal seeds give equal layouts, all of them of the split."""
 
-    def __call__(self, lanes: int, seed: int, repeat: int = 1) -> Environment: ...
+    def __call__(self, lanes: int, seed: int, repeat: int = 1, split: Split = "training") -> Environment: ...
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from paddlectl.hybrid.rollout import LEVELS
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Clause
 from paddlectl.transfer.documents import body_document
+from paddlectl.transfer.guidance import RULES
 from paddlectl.transfer.guides import GuideChooser, Source, TracedDecision
 
 TARGET_NAME = "target"
@@ -30,7 +31,7 @@ class Account:
         Of several matches of one source the row shows the best, at the level of progress that the scene
         came up with most; the counts are over all of them.
         """
-        weighing = self._chooser.weigh()
+        weighing, dropped = self._chooser.weigh(), self._chooser.dropped()
         by_scene = self._chooser.decisions.reshape(-1, LEVELS)
         for scene in np.flatnonzero(by_scene.sum(-1)):
             rows = scene * LEVELS + np.arange(LEVELS)
@@ -40,6 +41,7 @@ class Account:
                 if best is None:
                     continue
                 led = np.ix_(rows, self._chooser.candidates.guides == number)
+                chosen = self._chooser.chosen[led].sum((0, 1))
                 yield {
                     "phase": phase,
                     "frames": frames,
@@ -50,7 +52,9 @@ class Account:
                     "performance": float(weighing.performance[shown, best]),
                     "weight": float(weighing.weight[shown, best]),
                     "decisions": int(by_scene[scene].sum()),
-                    "chosen": int(self._chooser.chosen[led].sum()),
+                    "chosen": int(chosen.sum()),
+                    "rules": {rule: int(n) for rule, n in zip(RULES, chosen, strict=True) if n},
+                    "dropped": bool(dropped[shown, best]),
                     "reached": int(self._chooser.reached[led].sum()),
                 }
 
@@ -69,7 +73,7 @@ class Account:
             "head": str(head),
             "steps": decision.steps,
             "reached": decision.reached,
-            "audition": decision.audition,
+            "rule": decision.rule,
         }
 
     def _weighed(self, decision: TracedDecision) -> Iterator[dict[str, Any]]:

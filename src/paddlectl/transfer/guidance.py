@@ -1,15 +1,61 @@
 """The dual similarity Λ (Eq. 3), and the choice of the guiding policy (Algorithm 2, lines 7-12).
 
-`guidance: paper` is ψ + Φ and its largest value, nothing else. `guidance: default` differs by the rules
-named in `GuidanceSettings`; each can be switched off by itself.
+`guidance: paper` is ψ + Φ and its largest value; where the text leaves a choice, `PaperSettings` names it.
+`guidance: default` differs by the rules named in `GuidanceSettings`; each can be switched off by itself.
 """
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 Weights = NDArray[np.float64]
+
+
+Rule = Literal["largest", "tie", "penalty", "floor", "trial", "novel"]
+"""Why a candidate leads a decision.
+
+- largest: its Λ is the largest.
+- tie: several have the largest Λ; a source goes before the target, and of sources a random one.
+- penalty: larger ones were lowered, for what they did before in this episode.
+- floor: the target; no source's Λ is above the least that the target's may be.
+- trial: the target; forced once in the episode, so that it is measured here.
+- novel: the target; it tries a subgoal that no source knows.
+"""
+
+RULES: tuple[Rule, ...] = get_args(Rule)
+
+
+@dataclass(frozen=True)
+class PaperSettings:
+    """How Eqs. 2 and 3 are read in `guidance: paper`, where the text leaves it open or can't be meant.
+
+    Attributes:
+        initial_performance: Φ before the first return, "a constant". With 1, as long as the first failures
+            haven't reported, every guide that wasn't asked yet goes before those that were: 64 environments
+            spend the whole jump-start on it.
+        normalise: "Normalised to [0, 1]" as `clip`, or `none`. To clip hides negative returns, so that a
+            source that always fails ties with a target that was never asked, and goes before it for ever.
+        failure_cost: Taken off G for a decision that misses its subgoal. Rewards here are never negative;
+            without a cost a useless source is worth as much as an unknown target. The authors' code has
+            such costs.
+        values: What G is kept for: each `per_guide` as printed, or each `per_subgoal` as in the authors'
+            code, where a guide is worth Σ p(subgoal)·V(subgoal) by its own program. So the target profits
+            from what its guides found out, and can pass them.
+        source_softness: Share of the uniform distribution that is mixed into the sources' programs. The
+            paper's sources aren't crisp; a crisp one can't be passed by a target that still learns.
+        lanes: Environments side by side; so many choose before the first return is known.
+        block: Steps of each between two updates.
+    """
+
+    initial_performance: float = 0.0
+    normalise: Literal["clip", "none"] = "none"
+    failure_cost: float = 0.01
+    values: Literal["per_guide", "per_subgoal"] = "per_subgoal"
+    source_softness: float = 0.1
+    lanes: int = 8
+    block: int = 256
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,25 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from paddlectl.hybrid.plan import Plan
 from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, sharpened, task_heads
 from paddlectl.hybrid.rollout import LEVELS, Outcome
 from paddlectl.learners.base import Learner
 from paddlectl.learners.buffers import TARGET
+from paddlectl.logic.atoms import Atom
 from paddlectl.logic.clauses import Body, Program
 from paddlectl.tasks.base import Bools, Floats, Ints, Task
-from paddlectl.transfer.guidance import GuidanceSettings, choose_guide, faded_weight, guidance_weight
+from paddlectl.transfer.guidance import (
+    RULES,
+    GuidanceSettings,
+    PaperSettings,
+    Rule,
+    choose_guide,
+    faded_weight,
+    guidance_weight,
+)
 from paddlectl.transfer.performance import MeanReturns, Table, performance
 from paddlectl.transfer.practice import Practice
 from paddlectl.transfer.similarity import SceneMapping
@@ -24,10 +34,19 @@ DROPPED = 1.0
 
 @dataclass(frozen=True)
 class Source:
-    """A frozen policy that may guide: its id, its task, its program and its low level."""
+    """A frozen policy that may guide.
+
+    Attributes:
+        policy: Its id.
+        task: What it has learned.
+        heads: The subgoals of that task.
+        program: Its program.
+        low_level: Reaches them.
+    """
 
     policy: str
     task: str
+    heads: tuple[Atom, ...]
     program: Program
     low_level: Learner
 
@@ -55,25 +74,43 @@ class Candidates(NamedTuple):
 
 
 def candidates_of(
-    task: Task, bodies: Sequence[Body], sources: Sequence[Source], mapping: SceneMapping, sharpness: float
+    task: Task,
+    bodies: Sequence[Body],
+    sources: Sequence[Source],
+    mapping: SceneMapping,
+    sharpness: float,
+    softness: float = 0.0,
 ) -> Candidates:
-    """Numbers the matches of Ψ, in the order of the sources."""
-    guides, rows, columns = [TARGET], [np.zeros(len(task.domain_heads))], []
+    """Numbers the matches of Ψ, in the order of the sources.
+
+    Args:
+        task: The target.
+        bodies: Its scenes.
+        sources: Who may guide.
+        mapping: Ψ.
+        sharpness: Power of the sources' head probabilities when they lead.
+        softness: Share of the uniform distribution over a source's heads that is mixed into them.
+    """
+    none = np.zeros(len(task.domain_heads))
+    guides, rows, uniform, columns = [TARGET], [none], [none], []
     columns.append([mapping.self_similarity(body) for body in bodies])
     for number, source in enumerate(sources, start=1):
         matches = [{m.policy: m for m in mapping.rows[body]}.get(source.policy) for body in bodies]
         for scene in dict.fromkeys(scene.body for match in matches if match for scene in match.scenes):
             policy = source.program.policy(scene)
             guides.append(number)
+            uniform.append(np.array([head in source.heads for head in task.domain_heads]) / len(source.heads))
             rows.append(np.array([policy.get(head, 0.0) for head in task.domain_heads]))
             columns.append(
                 [m.similarity if m and scene in [s.body for s in m.scenes] else -np.inf for m in matches]
             )
     heads = np.array(rows)
     heads[1:] /= heads[1:].sum(-1, keepdims=True)
-    entropy = -(heads * np.log(np.where(heads > 0, heads, 1.0))).sum(-1)
     leading = heads.astype(np.float32)
     leading[1:] = sharpened(leading[1:], sharpness)
+    for table in (heads, leading):
+        table[1:] = (1.0 - softness) * table[1:] + softness * np.array(uniform)[1:]
+    entropy = -(heads * np.log(np.where(heads > 0, heads, 1.0))).sum(-1)
     return Candidates(np.array(guides), leading, np.array(columns).T, entropy)
 
 
@@ -91,7 +128,7 @@ class TracedDecision(NamedTuple):
     Attributes:
         candidate: The one that led.
         weights: Λ of each candidate, this episode's penalties included. [C]
-        audition: The target led to be measured, not for its weight.
+        rule: Why it led.
     """
 
     situation: int
@@ -99,7 +136,7 @@ class TracedDecision(NamedTuple):
     head: int
     steps: int
     reached: bool
-    audition: bool
+    rule: Rule
     similarity: Table
     performance: Table
     weights: Table
@@ -113,8 +150,8 @@ class GuideChooser:
     Attributes:
         candidates: Who may lead where.
         traces: The decisions of each episode that ended since `clear`, in order of ending.
-        decisions, chosen, reached: How often a situation came up, a candidate led there, and reached its
-            subgoal, since `clear`. [R], [R, C], [R, C]
+        decisions, chosen, reached: How often a situation came up, a candidate led there by each of `RULES`,
+            and reached its subgoal, since `clear`. [R], [R, C, rules], [R, C]
     """
 
     def __init__(
@@ -135,7 +172,7 @@ class GuideChooser:
         """Starts the counts and traces anew."""
         self.traces = []
         self.decisions = np.zeros(self.shape[0], np.intp)
-        self.chosen = np.zeros(self.shape, np.intp)
+        self.chosen = np.zeros((*self.shape, len(RULES)), np.intp)
         self.reached = np.zeros(self.shape, np.intp)
 
     def refresh(self) -> None:
@@ -143,8 +180,12 @@ class GuideChooser:
         self._own = self.target.clauses.probabilities()
 
     def weigh(self) -> Weighing:
-        """ψ, Φ and Λ of every candidate in every situation. [R, C] each"""
+        """ψ, Φ and Λ of every candidate in every situation, as of now. [R, C] each"""
         raise NotImplementedError
+
+    def dropped(self) -> Bools:
+        """Which sources aren't asked in a situation any more. [R, C]"""
+        return np.zeros(self.shape, np.bool_)
 
     def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
         """The guide and the head for each lane. [n], [n]"""
@@ -152,12 +193,14 @@ class GuideChooser:
         weights = self._lane_weights(weighing.weight, lanes, situations)
         scenes = situations // LEVELS
         chosen = choose_guide(weights, self._rng)
+        rules = self._rules(chosen, weights, weighing.weight[situations])
         practised = self._practised(lanes, scenes)
-        audition = self._auditions(lanes, scenes, chosen) | (practised >= 0)
-        chosen[audition] = TARGET
+        trial = self._auditions(lanes, scenes, chosen)
+        rules[trial], rules[practised >= 0] = "trial", "novel"
+        chosen[trial | (practised >= 0)] = TARGET
         heads = np.where(practised >= 0, practised, self._heads(chosen, scenes))
-        for lane, situation, candidate, head, heard, weight in zip(
-            lanes, situations, chosen, heads, audition, weights, strict=True
+        for lane, situation, candidate, head, rule, weight in zip(
+            lanes, situations, chosen, heads, rules, weights, strict=True
         ):
             self._present[lane] = TracedDecision(
                 int(situation),
@@ -165,7 +208,7 @@ class GuideChooser:
                 int(head),
                 0,
                 False,
-                bool(heard),
+                rule,
                 weighing.similarity[situation],
                 weighing.performance[situation],
                 weight,
@@ -174,11 +217,13 @@ class GuideChooser:
 
     def decided(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended."""
-        for lane, steps, reward, reached, done, following in zip(
+        for lane, steps, reward, reached, cut, terminated, done, following in zip(
             outcome.lanes,
             outcome.steps,
             outcome.rewards,
             outcome.reached,
+            outcome.cut,
+            outcome.terminated,
             outcome.done,
             outcome.next_situations,
             strict=True,
@@ -188,10 +233,11 @@ class GuideChooser:
             decision = present._replace(steps=int(steps), reached=bool(reached))
             self._episode[lane].append(decision)
             self.decisions[decision.situation] += 1
-            self.chosen[decision.situation, decision.candidate] += 1
+            self.chosen[decision.situation, decision.candidate, RULES.index(decision.rule)] += 1
             self.reached[decision.situation, decision.candidate] += reached
-            self._learn(lane, decision, float(reward), None if done else int(following))
+            self._learn(lane, decision, float(reward), None if terminated else int(following), bool(cut))
             if done:
+                self._end(lane)
                 self.traces.append(self._episode[lane])
                 self._episode[lane] = []
 
@@ -200,6 +246,14 @@ class GuideChooser:
         own = chosen == TARGET
         heads[own] = self._own_heads[sample_rows(self._own[scenes[own]], self._rng)]
         return heads
+
+    def _rules(self, chosen: Ints, weights: Table, unpenalised: Table) -> NDArray[np.object_]:
+        """Why each candidate was chosen by its Λ. [n]"""
+        rows = np.arange(len(chosen))
+        rules = np.full(len(chosen), "largest", object)
+        rules[(weights == weights.max(-1, keepdims=True)).sum(-1) > 1] = "tie"
+        rules[unpenalised[rows, chosen] < unpenalised.max(-1)] = "penalty"
+        return rules
 
     def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
         return weights[situations]
@@ -210,18 +264,46 @@ class GuideChooser:
     def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         return np.zeros(len(lanes), np.bool_)
 
-    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
+    def _learn(
+        self, lane: int, decision: TracedDecision, reward: float, following: int | None, cut: bool
+    ) -> None:
+        """Takes in a decision that ended.
+
+        Args:
+            lane: Where.
+            decision: What was decided.
+            reward: Extrinsic, within it.
+            following: The situation that it led to; None if the task was solved.
+            cut: The horizon ended it.
+        """
+        raise NotImplementedError
+
+    def _end(self, lane: int) -> None:
+        """The lane's episode ended with the decision that was just learned from."""
         raise NotImplementedError
 
 
 class PaperGuides(GuideChooser):
-    """`guidance: paper`: Λ = ψ + Φ over running mean returns, Eqs. 2 and 3 to the letter."""
+    """`guidance: paper`: Eqs. 2 and 3, read as `PaperSettings` say.
+
+    G is the running mean of the discounted return from a decision to its episode's end (Algorithm 2, line
+    18), of each candidate or of each subgoal in a scene; of a subgoal the first visit of an episode counts.
+    """
 
     def __init__(
-        self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator
+        self,
+        target: HybridPolicy,
+        candidates: Candidates,
+        lanes: int,
+        rng: np.random.Generator,
+        settings: PaperSettings,
     ) -> None:
         super().__init__(target, candidates, lanes, rng)
-        self._returns = MeanReturns(candidates.similarity.shape)
+        scenes, heads = candidates.similarity.shape[0], candidates.heads.shape[1]
+        self.readings = settings
+        self._per_subgoal = settings.values == "per_subgoal"
+        columns = heads if self._per_subgoal else self.shape[1]
+        self._returns = MeanReturns((scenes, columns), settings.initial_performance)
         self._rewards: list[list[float]] = [[] for _ in range(lanes)]
 
     def weigh(self) -> Weighing:
@@ -229,19 +311,38 @@ class PaperGuides(GuideChooser):
         psi = self.candidates.similarity
         entropy = np.broadcast_to(self.candidates.entropy, psi.shape).copy()
         entropy[:, TARGET] = -(self._own * np.log(self._own + 1e-12)).sum(-1)
-        phi = performance(self._returns.mean, entropy)
+        phi = performance(self._worth(), entropy, clipped=self.readings.normalise == "clip")
         tables = (psi, phi, guidance_weight(psi, phi))
         return Weighing(*(np.repeat(table, LEVELS, axis=0) for table in tables))
 
-    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
-        self._rewards[lane].append(reward)
-        if following is not None:
-            return
-        return_ = 0.0
+    def _worth(self) -> Table:
+        """G of every candidate; of subgoals, what its program expects of them: Σ p·V. [S, C]"""
+        values = self._returns.mean
+        if not self._per_subgoal:
+            return values
+        worth: Table = values @ self.candidates.heads.T.astype(np.float64)
+        worth[:, TARGET] = (self._own * values[:, self._own_heads]).sum(-1)
+        return worth
+
+    def _learn(
+        self, lane: int, decision: TracedDecision, reward: float, following: int | None, cut: bool
+    ) -> None:
+        missed = not decision.reached and not cut
+        self._rewards[lane].append(reward - self.readings.failure_cost * missed)
+
+    def _end(self, lane: int) -> None:
         discount = self.target.settings.clauses.discount
-        for made, earned in zip(reversed(self._episode[lane]), reversed(self._rewards[lane]), strict=True):
+        return_, returns = 0.0, []
+        for earned in reversed(self._rewards[lane]):
             return_ = earned + discount * return_
-            self._returns.record(made.situation // LEVELS, made.candidate, return_)
+            returns.append(return_)
+        seen = set()
+        for decision, return_ in zip(self._episode[lane], reversed(returns), strict=True):
+            scene = decision.situation // LEVELS
+            cell = (scene, decision.head if self._per_subgoal else decision.candidate)
+            if not (self._per_subgoal and cell in seen):
+                self._returns.record(*cell, return_)
+            seen.add(cell)
         self._rewards[lane] = []
 
 
@@ -277,17 +378,28 @@ class PlannedGuides(GuideChooser):
     def weigh(self) -> Weighing:
         """ψ faded into the planned Φ; the target by merit, or out of curiosity. [R, C] each"""
         rules = self.rules
-        weights = faded_weight(self._known, self._returns, self._plan.count, rules.fading)
-        weights[np.isneginf(self._similarity)] = -np.inf
-        weights[self._hopeless()] -= DROPPED
         measured = self._plan.count[:, TARGET] >= rules.audition_samples
-        merit = np.where(measured, self._returns[:, TARGET], 0.0)
-        weights[:, TARGET] = np.maximum(merit, rules.curiosity)
-        self._returns = self._plan.returns(weights.max(-1))
+        weights = self._weights()
         weights[:, TARGET] += rules.target_margin * measured
         return Weighing(self._similarity, self._returns, weights)
 
-    def _hopeless(self) -> Bools:
+    def _weights(self) -> Table:
+        """Λ without the target's margin. [R, C]"""
+        rules = self.rules
+        weights = faded_weight(self._known, self._returns, self._plan.count, rules.fading)
+        weights[np.isneginf(self._similarity)] = -np.inf
+        weights[self.dropped()] -= DROPPED
+        measured = self._plan.count[:, TARGET] >= rules.audition_samples
+        merit = np.where(measured, self._returns[:, TARGET], 0.0)
+        weights[:, TARGET] = np.maximum(merit, rules.curiosity)
+        return weights
+
+    def decided(self, outcome: Outcome) -> None:
+        """Counts what came of the decisions that ended, then makes one sweep of planning."""
+        super().decided(outcome)
+        self._returns = self._plan.returns(self._weights().max(-1))
+
+    def dropped(self) -> Bools:
         """Sources that hardly ever reach their subgoal in a situation. [R, C]"""
         hopeless: Bools = (self._tried >= self.rules.trials) & (
             self._hits < self.rules.least_reached * self._tried
@@ -303,6 +415,11 @@ class PlannedGuides(GuideChooser):
         penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.curiosity)
         return penalised
 
+    def _rules(self, chosen: Ints, weights: Table, unpenalised: Table) -> NDArray[np.object_]:
+        rules = super()._rules(chosen, weights, unpenalised)
+        rules[(chosen == TARGET) & (weights[:, TARGET] <= self.rules.curiosity)] = "floor"
+        return rules
+
     def _practised(self, lanes: Ints, scenes: Ints) -> Ints:
         return self._practice.heads(lanes, scenes)
 
@@ -312,16 +429,19 @@ class PlannedGuides(GuideChooser):
         self._heard[lanes] |= heard
         return heard
 
-    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
+    def _learn(
+        self, lane: int, decision: TracedDecision, reward: float, following: int | None, cut: bool
+    ) -> None:
         guide = self.candidates.guides[decision.candidate]
         self._repeats[lane, decision.situation, guide, decision.head] += 1
-        self._tried[decision.situation, decision.candidate] += 1
+        self._tried[decision.situation, decision.candidate] += not cut
         self._hits[decision.situation, decision.candidate] += decision.reached
         discount = float(self._clauses.discounts(np.array(decision.steps)))
         self._plan.record(decision.situation, decision.candidate, reward, following, discount)
-        if guide == TARGET:
+        if guide == TARGET and not cut:
             self._practice.decided(decision.situation // LEVELS, decision.head, decision.reached)
-        if following is None:
-            self._repeats[lane] = 0
-            self._heard[lane] = False
-            self._practice.ended(lane)
+
+    def _end(self, lane: int) -> None:
+        self._repeats[lane] = 0
+        self._heard[lane] = False
+        self._practice.ended(lane)

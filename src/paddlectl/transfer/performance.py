@@ -10,16 +10,17 @@ from numpy.typing import NDArray
 Table = NDArray[np.float64]
 
 
-def performance(return_: Table, entropy: Table, epsilon: float = 0.05) -> Table:
-    """Φ = G + max(0, min(-G, ε))·H, in [0, 1] (Eq. 2; the printed min(0, clip(-G, ε)) is a misprint).
+def performance(return_: Table, entropy: Table, epsilon: float = 0.05, *, clipped: bool = True) -> Table:
+    """Φ = G + max(0, min(-G, ε))·H (Eq. 2; the printed min(0, clip(-G, ε)) is a misprint).
 
     Args:
         return_: G, mean discounted extrinsic return. [S, C]
         entropy: H of the candidate's head distribution, in nats. [S, C]
         epsilon: Largest weight of the entropy, reached when G ≤ -ε.
+        clipped: To [0, 1].
     """
     bonus = np.clip(-return_, 0.0, epsilon) * entropy
-    return np.clip(return_ + bonus, 0.0, 1.0)
+    return np.clip(return_ + bonus, 0.0, 1.0) if clipped else return_ + bonus
 
 
 class MeanReturns:
@@ -30,12 +31,12 @@ class MeanReturns:
         initial: G before the first sample, "a constant".
     """
 
-    def __init__(self, shape: tuple[int, int], initial: float = 1.0) -> None:
+    def __init__(self, shape: tuple[int, int], initial: float) -> None:
         self.mean = np.full(shape, initial)
         self.count = np.zeros(shape)
 
-    def record(self, scene: int, candidate: int, return_: float) -> None:
+    def record(self, row: int, column: int, return_: float) -> None:
         """Adds one sample."""
-        self.count[scene, candidate] += 1
-        error = return_ - self.mean[scene, candidate]
-        self.mean[scene, candidate] += error / self.count[scene, candidate]
+        self.count[row, column] += 1
+        error = return_ - self.mean[row, column]
+        self.mean[row, column] += error / self.count[row, column]

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from paddlectl.tasks.base import Actions, Bools, Floats, Ints, Step, Task, Vocabulary
+from paddlectl.tasks.base import Actions, Bools, Floats, Ints, Split, Step, Task, Vocabulary
 from paddlectl.tasks.maze2d import symbols
 from paddlectl.tasks.maze2d.layouts import HORIZON, PLACES, RADIUS, SPECS, Points, Spec, draw_starts
 from paddlectl.tasks.maze2d.observe import OBSERVATION_SIZE, observe
@@ -33,15 +33,17 @@ class Engine:
         lanes: How many are stepped together.
         seed: Of the starts: equal seeds give the same starts in the same order.
         repeat: Steps that one action lasts, unless the episode ends before.
+        split: Of which the starts are.
     """
 
     observation_size = OBSERVATION_SIZE
     actions = Actions(2, continuous=True)
 
-    def __init__(self, spec: Spec, lanes: int, seed: int, repeat: int = 1) -> None:
+    def __init__(self, spec: Spec, lanes: int, seed: int, repeat: int = 1, split: Split = "training") -> None:
         self.spec = spec
         self.lanes = lanes
         self.repeat = repeat
+        self.split: Split = split
         self._rng = np.random.default_rng(seed)
         self._valuations = symbols.valuation_table(spec.atoms)
         self._available = symbols.available_table(spec.heads)
@@ -58,7 +60,7 @@ class Engine:
     def reset(self, lanes: Bools | None = None) -> None:
         """Draws new starts for the masked lanes; for all if None. [B]"""
         waiting = np.arange(self.lanes) if lanes is None else np.flatnonzero(lanes)
-        self._start(waiting, draw_starts(self._rng, len(waiting)))
+        self._start(waiting, draw_starts(self._rng, len(waiting), self.split))
 
     def set_starts(self, starts: Points) -> None:
         """Starts all lanes from given positions, one a lane. [B, 2]"""

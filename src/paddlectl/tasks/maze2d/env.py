@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from paddlectl.logic.atoms import Atom
+from paddlectl.tasks.base import Split
 from paddlectl.tasks.maze2d import symbols as s
 from paddlectl.tasks.maze2d.layouts import (
     COLUMNS,
@@ -49,13 +50,15 @@ class PaddleMazeEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
 
     Args:
         task: Its name.
+        split: Of which the starts are.
         render_mode: `rgb_array` or None.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # noqa: RUF012  # Gymnasium's own way
 
-    def __init__(self, task: str, render_mode: str | None = None) -> None:
+    def __init__(self, task: str, split: Split = "training", render_mode: str | None = None) -> None:
         self.spec_of_task = SPECS[task]
+        self.split: Split = split
         self.render_mode = render_mode
         maze_map = [[int(cell == "#") for cell in line] for line in MAP]
         self._maze: Any = PointMazeEnv(maze_map=maze_map, continuing_task=True)
@@ -69,7 +72,7 @@ class PaddleMazeEnv(gymnasium.Env[NDArray[np.float64], NDArray[np.float32]]):
         """Starts an episode where `draw_starts` puts it."""
         super().reset(seed=seed)
         self._maze.reset(seed=seed, options={"reset_cell": np.array(START), "goal_cell": np.array(START)})
-        self.place(draw_starts(self.np_random, 1)[0])
+        self.place(draw_starts(self.np_random, 1, self.split)[0])
         return self.observation(), {}
 
     def place(self, start: Points) -> None:

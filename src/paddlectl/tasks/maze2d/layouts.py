@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paddlectl.logic.atoms import Atom
+from paddlectl.tasks.base import Bools, Split
 from paddlectl.tasks.maze2d import symbols as s
+from paddlectl.tasks.split import belongs
 
 Points = NDArray[np.float64]
 
@@ -33,6 +35,10 @@ RADIUS = 0.4
 START = (1, 1)
 NOISE = 0.25
 """A start lies this far from its cell's centre at most, in x and in y."""
+
+SQUARE = 2 * NOISE / 8
+"""Starts of one square of this side, in metres, are of one split. Evaluation begins in squares where no
+training begins; they may lie side by side."""
 
 
 def centre(row: int, column: int) -> tuple[float, float]:
@@ -91,7 +97,17 @@ SPECS = {
 }
 
 
-def draw_starts(rng: np.random.Generator, count: int) -> Points:
-    """Where episodes begin, at rest. [n, 2]"""
-    starts: Points = np.array(centre(*START)) + rng.uniform(-NOISE, NOISE, (count, 2))
-    return starts
+def draw_starts(rng: np.random.Generator, count: int, split: Split = "training") -> Points:
+    """Where episodes of a split begin, at rest. [n, 2]"""
+    drawn, missing = [np.zeros((0, 2))], count
+    while missing:
+        starts = np.array(centre(*START)) + rng.uniform(-NOISE, NOISE, (missing, 2))
+        drawn.append(starts[starts_of(starts, split)])
+        missing -= len(drawn[-1])
+    return np.concatenate(drawn)
+
+
+def starts_of(starts: Points, split: Split) -> Bools:
+    """Whether starts belong to a split, by the square of side `SQUARE` that each lies in. [n, 2] -> [n]"""
+    corner = np.array(centre(*START)) - NOISE
+    return belongs(((starts - corner) // SQUARE).astype(np.intp), split)

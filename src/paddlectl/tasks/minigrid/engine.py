@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from paddlectl.tasks.base import Actions, Bools, Floats, Ints, Step, Task, Vocabulary
+from paddlectl.tasks.base import Actions, Bools, Floats, Ints, Split, Step, Task, Vocabulary
 from paddlectl.tasks.minigrid import symbols
 from paddlectl.tasks.minigrid.grid import (
     ABSENT,
@@ -83,6 +83,7 @@ class Engine:
         lanes: How many are stepped together.
         seed: Of the layouts: equal seeds give the same layouts in the same order.
         repeat: Steps that one action lasts, unless the episode ends before.
+        split: Of which the layouts are.
         milestone_reward: What each milestone pays; 0 gives the sparse variant.
     """
 
@@ -90,11 +91,18 @@ class Engine:
     actions = Actions(ACTIONS)
 
     def __init__(
-        self, spec: Spec, lanes: int, seed: int, repeat: int = 1, milestone_reward: float = 0.1
+        self,
+        spec: Spec,
+        lanes: int,
+        seed: int,
+        repeat: int = 1,
+        split: Split = "training",
+        milestone_reward: float = 0.1,
     ) -> None:
         self.spec = spec
         self.lanes = lanes
         self.repeat = repeat
+        self.split: Split = split
         self._rng = np.random.default_rng(seed)
         self._observer = Observer(lanes)
         self._bases: Ints = np.arange(lanes) * CELLS
@@ -114,8 +122,7 @@ class Engine:
         self.t: Ints = np.zeros(lanes, dtype=np.intp)
         self._earned: Ints = np.zeros(lanes, dtype=np.intp)
         self._finished: Bools = np.zeros(lanes, dtype=np.bool_)
-        self._pool = State.start(spec, draw_layouts(spec, self._rng, _POOL))
-        self._used = 0
+        self._fill_pool()
         self.state = State.start(spec, draw_layouts(spec, np.random.default_rng(0), lanes))
         self.reset()
 
@@ -125,13 +132,16 @@ class Engine:
         self._restart(waiting)
         while len(waiting):
             if self._used == _POOL:
-                self._pool = State.start(self.spec, draw_layouts(self.spec, self._rng, _POOL))
-                self._used = 0
+                self._fill_pool()
             taken = slice(self._used, min(self._used + len(waiting), _POOL))
             count = taken.stop - taken.start
             self.state.assign(waiting[:count], self._pool, taken)
             self._used += count
             waiting = waiting[count:]
+
+    def _fill_pool(self) -> None:
+        self._pool = State.start(self.spec, draw_layouts(self.spec, self._rng, _POOL, self.split))
+        self._used = 0
 
     def set_layouts(self, layouts: Layouts) -> None:
         """Starts all lanes from given layouts, one a lane."""

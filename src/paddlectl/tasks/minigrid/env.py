@@ -14,6 +14,7 @@ from minigrid.core.world_object import Ball, Box, Door, Floor, Goal, Key, WorldO
 from minigrid.minigrid_env import MiniGridEnv
 
 from paddlectl.logic.atoms import Atom
+from paddlectl.tasks.base import Split
 from paddlectl.tasks.minigrid.grid import ABSENT, HEIGHT, MIDDLE, WIDTH, Action, Facing, Thing
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, draw_layouts
 from paddlectl.tasks.registration import register
@@ -58,12 +59,16 @@ class PaddleEnv(MiniGridEnv):
 
     Args:
         task: Its name.
+        split: Of which the layouts are.
         milestone_reward: What each milestone pays; 0 gives the sparse variant.
         **kwargs: MiniGrid's own, `render_mode` and the like.
     """
 
-    def __init__(self, task: str, milestone_reward: float = 0.1, **kwargs: Any) -> None:
+    def __init__(
+        self, task: str, split: Split = "training", milestone_reward: float = 0.1, **kwargs: Any
+    ) -> None:
         self.spec_of_task = spec = SPECS[task]
+        self.split: Split = split
         self.milestone_reward = milestone_reward
         mission = MissionSpace(mission_func=lambda: spec.summary)
         super().__init__(mission, width=WIDTH, height=HEIGHT, max_steps=HORIZON, **kwargs)
@@ -72,7 +77,7 @@ class PaddleEnv(MiniGridEnv):
         self.action_space = gymnasium.spaces.Discrete(len(Action) - 1)
 
     def _gen_grid(self, width: int, height: int) -> None:
-        self.place(draw_layouts(self.spec_of_task, self.np_random, 1))
+        self.place(draw_layouts(self.spec_of_task, self.np_random, 1, self.split))
 
     def place(self, layouts: Layouts, index: int = 0) -> None:
         """Starts an episode from one of the given layouts."""

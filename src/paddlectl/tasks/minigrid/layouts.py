@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from paddlectl.logic.atoms import Atom
-from paddlectl.tasks.base import Ints
+from paddlectl.tasks.base import Bools, Ints, Split
 from paddlectl.tasks.minigrid import symbols as s
 from paddlectl.tasks.minigrid.grid import ABSENT, CODE_OF_THING, HEIGHT, MIDDLE, WIDTH, Code, Codes, Thing
+from paddlectl.tasks.split import belongs
 
 HORIZON = 320
 
@@ -158,17 +159,31 @@ class Layouts(NamedTuple):
     facing: Ints
     where: Ints
 
+    def of(self, split: Split) -> Bools:
+        """Whether each belongs to a split, which its facing has no part in. [n]"""
+        return belongs(np.column_stack([self.agent, self.where]), split)
+
 
 _ROOM = 6  # rooms are 6 x 6 cells
 _START = 3  # the agent starts in the first columns, away from the passage
 
 
-def draw_layouts(spec: Spec, rng: np.random.Generator, count: int) -> Layouts:
-    """Draws layouts, every one of which can be solved.
+def draw_layouts(spec: Spec, rng: np.random.Generator, count: int, split: Split = "training") -> Layouts:
+    """Draws layouts of a split, every one of which can be solved.
 
     Both cells beside the passage stay free but for the blockage. Everything else that could be in the way
     can be opened or carried off, but for a tile; and no cell depends on the one way that a single tile shuts.
     """
+    drawn, missing = [_drawn(spec, rng, 0)], count
+    while missing:
+        found = _drawn(spec, rng, missing)
+        chosen = found.of(split)
+        drawn.append(Layouts(*(values[chosen] for values in found)))
+        missing -= int(chosen.sum())
+    return Layouts(*map(np.concatenate, zip(*drawn, strict=True)))
+
+
+def _drawn(spec: Spec, rng: np.random.Generator, count: int) -> Layouts:
     row = rng.integers(_ROOM, size=count)
     where: Ints = np.full((count, len(Thing)), ABSENT)
     where[:, Thing.PASSAGE] = _cell(MIDDLE, row)
