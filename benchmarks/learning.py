@@ -151,6 +151,8 @@ def _name(job: Job) -> str:
 
 
 def _told(progress: Progress) -> str:
+    if progress.success_rate is None:
+        return f"{progress.frames:,} frames"
     return f"{progress.frames:,} frames, success {progress.success_rate:.2f}, score {progress.mean_score:.3f}"
 
 
