@@ -7,7 +7,7 @@ symbolic state, until 97 of 100 episodes that started one after another were sol
 those of benchmarks/learning.json. Needs `pip install -e '.[bench]'`:
 
     OMP_NUM_THREADS=1 python benchmarks/sb3_reference.py --parts speed
-    OMP_NUM_THREADS=1 python benchmarks/sb3_reference.py --parts solve --seeds 0 1 2 --cap 3600
+    OMP_NUM_THREADS=1 python benchmarks/sb3_reference.py --parts solve --seeds 10 11 12 --cap 3600
 
 SB3's learning rate is constant, as it has no budget to fall over; ours falls.
 """
@@ -26,7 +26,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
-from learning import _reached, _whole_prefix, commit, machine
+from learning import Ended, _reached, commit, machine
 from minigrid.wrappers import ImgObsWrapper
 from numpy.lib.stride_tricks import sliding_window_view
 from stable_baselines3 import PPO
@@ -35,6 +35,8 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecEnv
 from training_speed import measure
 
+from paddlectl.experiments.curves import in_order
+from paddlectl.experiments.curves import rates as curve_rates
 from paddlectl.experiments.log import versions
 from paddlectl.hybrid.policy import HybridSettings, domain_heads
 from paddlectl.tasks import suite
@@ -65,7 +67,8 @@ class Lanes(VecEnv):
         self._relative = _relative_table()
         self._order = np.arange(lanes)
         self.frames = 0
-        self.episodes: list[Result] = []
+        self.episodes: list[Ended] = []
+        self._started = np.zeros(lanes, np.intp)
         size = self._observation().shape[1]
         super().__init__(
             lanes,
@@ -126,9 +129,10 @@ class Lanes(VecEnv):
     def _record(self, ended: Ints, solved: Bools) -> None:
         """Episodes are numbered by their start, as `hybrid.rollout` does it."""
         self.episodes += [
-            {"order": int(self._order[lane]), "frames": self.frames, "success": bool(solved[lane])}
+            Ended(int(self._order[lane]), int(self._started[lane]), self.frames, float(solved[lane]))
             for lane in ended
         ]
+        self._started[ended] = self.frames
         self._order[ended] = self._order.max() + 1 + np.arange(len(ended))
 
     def close(self) -> None:
@@ -283,14 +287,13 @@ def solve(seed: int, cap: float) -> Result:
     told = -1
 
     def reached(rows: Sequence[Result]) -> Result | None:
-        return _reached(_whole_prefix(model.env.episodes), rows, BAR)
+        return _reached(in_order(model.env.episodes), rows, BAR)
 
     def enough(rows: Sequence[Result]) -> bool:
         nonlocal told
         seconds = rows[-1]["seconds"]
         if told < (told := int(10 * seconds / cap)):
-            share = recent_success(model.env.episodes)
-            where = f"{rows[-1]['frames']:,} frames, {seconds:.0f} s, success {share:.2f}"
+            where = f"{rows[-1]['frames']:,} frames, {seconds:.0f} s, {recent_success(model.env.episodes)}"
             print(f"seed {seed}: {where}", file=sys.stderr)
         return seconds >= cap or reached(rows) is not None
 
@@ -316,9 +319,9 @@ def solve(seed: int, cap: float) -> Result:
     }
 
 
-def recent_success(episodes: Sequence[Result]) -> float:
-    """Of the last 100 that ended, in that order; 0 before the first."""
-    return float(np.mean([episode["success"] for episode in episodes[-100:]] or [False]))
+def recent_success(episodes: Sequence[Ended]) -> float | None:
+    """Of the last 100 in the order of their start; None as long as the first goes on."""
+    return curve_rates(in_order(episodes))["success_rate"]
 
 
 def beside_ours(run: Result) -> Result:
@@ -398,7 +401,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument(
         "--parts", nargs="*", choices=PARTS, default=PARTS, help="none: only set our latest figures beside"
     )
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2], help="of `solve`")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[10, 11, 12], help="of `solve`")
     parser.add_argument("--cap", type=float, default=3600, help="seconds of `solve` for each seed")
     parser.add_argument("--rounds", type=int, default=8, help="counted rounds of each turn of `speed`")
     parser.add_argument("--repeats", type=int, default=3, help="turns of `speed`")

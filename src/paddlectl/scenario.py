@@ -72,7 +72,7 @@ class Guidance(_Closed):
     def _readings_of_paper(self) -> "Guidance":
         for name, value in self._given().items():
             if self.mode != "paper" and value != getattr(PaperSettings, name):
-                raise ValueError(f"{name} belongs to mode: paper")
+                raise ValueError(f"{name} is a reading of the paper: add mode: paper, or leave it out")
         return self
 
     def readings(self) -> PaperSettings | None:

@@ -16,6 +16,7 @@ from paddlectl.learners.ppo import PPO, PPOSettings
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.transfer import guides, paddle
+from paddlectl.transfer.account import Account
 from paddlectl.transfer.guidance import GuidanceSettings, PaperSettings
 from paddlectl.transfer.similarity import map_scenes
 from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, STAY, TASK, TWO, ByScript, Corridor
@@ -168,6 +169,59 @@ def test_paper_keeps_lanes_apart_and_counts_finished_episodes_only():
     tell(chooser, FAR_SCENE, head, 0.1, lane=0)
     # the target: 0.1; the source: the mean of 0.5 and 0.3 + 0.5·0.1
     assert chooser.weigh().performance[FAR_SCENE * LEVELS] == pytest.approx([0.1, 0.425])
+
+
+def test_paper_keeps_values_of_subgoals_from_first_visits_and_failures_cost():
+    """γ = 0.5, a miss costs 0.1: -0.1, 0.1, 0.7 give 0.125, 0.45, 0.7; near is visited twice."""
+    policy = target(settings=HybridSettings(clauses=ClauseSettings(discount=0.5)))
+    with torch.no_grad():
+        policy.clauses.weights.zero_()
+    given = sources("1.0 :: gt_two() :- !far()\n1.0 :: gt_end() :- far()")
+    chooser = one_of_each(
+        "paper", policy, given, readings=PaperSettings(failure_cost=0.1, source_softness=0.0)
+    )
+    assert play(chooser, [(NEAR_SCENE, 0.0), (FAR_SCENE, 0.2), (NEAR_SCENE, 0.8)]) == [1, 1, 1]
+    found = chooser.weigh().performance[[NEAR_SCENE * LEVELS, FAR_SCENE * LEVELS]]
+    # the target picks each of three subgoals alike; candidate 1 always gt_two, 2 always gt_end
+    assert found == pytest.approx(np.array([[0.125 / 3, 0.125, 0.0], [0.45 / 3, 0.0, 0.45]]))
+
+
+def test_negative_returns_show_unless_they_are_clipped():
+    for normalise, shown in (("none", -0.1), ("clip", 0.0)):
+        readings = PaperSettings(0.0, normalise, 0.1, "per_guide", 0.0)
+        chooser = one_of_each("paper", target(), sources(WALK), readings=readings)
+        assert play(chooser, [(FAR_SCENE, 0.0)]) == [1]
+        assert chooser.weigh().performance[FAR_SCENE * LEVELS, 1] == pytest.approx(shown)
+        # a source that failed makes way for a target that was never asked, or it doesn't
+        assert play(chooser, [(FAR_SCENE, 0.0)]) == [TARGET if normalise == "none" else 1]
+
+
+def test_a_decision_that_the_horizon_cut_off_costs_nothing_and_counts_as_no_miss():
+    for mode in ("paper", "default"):
+        chooser = one_of_each(mode, target(), sources(WALK), readings=PaperSettings(failure_cost=0.1))
+        _, head = decide(chooser, FAR_SCENE)
+        ended = dict(lanes=0, situations=FAR_SCENE * LEVELS, heads=head, guides=1, steps=3)
+        ended |= dict(rewards=0.0, reached=False, cut=True, terminated=False, truncated=True)
+        columns = {name: np.array([value]) for name, value in ended.items()}
+        chooser.decided(Outcome(**columns, next_situations=np.array([FAR_SCENE * LEVELS])))
+        assert len(chooser.traces) == 1
+        if mode == "paper":
+            assert chooser.weigh().performance[FAR_SCENE * LEVELS, 1] == 0.0
+        else:
+            assert chooser._tried.sum() == 0
+
+
+def test_a_soft_source_plays_some_of_every_subgoal_of_its_task():
+    given = sources("1.0 :: gt_end() :- far()")
+    bodies = target().clauses.bodies
+    mapping = map_scenes(
+        [Scene(body, frozenset(TASK.heads)) for body in bodies],
+        {"policy-1": scenes_of(given[0].program.clauses)},
+    )
+    made = guides.candidates_of(TASK, bodies, given, mapping, 3.0, softness=0.3)
+    # three subgoals of the task, the domain's first not among them
+    assert made.heads[1] == pytest.approx([0.0, 0.1, 0.8, 0.1])
+    assert made.entropy[1] == pytest.approx(-0.8 * math.log(0.8) - 0.2 * math.log(0.1))
 
 
 def test_paper_turns_to_the_target_when_it_is_worth_more():
@@ -338,11 +392,14 @@ def test_the_account_of_what_was_decided(mode):
     assert (chooser.traces, chooser.decisions.sum(), chooser.chosen.sum()) == ([], 0, 0)
 
 
-def learn(mode, seed, actor=None, frames=640):
+def learn(mode, seed, actor=None, frames=640, watch=lambda chooser, given: None):
     policy = target(seed)
     given = sources("1.0 :: gt_end() :- !far()\n1.0 :: gt_end() :- far()", actor=actor)
     chooser = one_of_each(mode, policy, given, lanes=SMALL.lanes, seed=seed)
-    rounds = list(paddle.learn(policy, given, chooser, seed, frames))
+    rounds = []
+    for round_ in paddle.learn(policy, given, chooser, seed, frames):
+        rounds.append(round_)
+        watch(chooser, given)
     episodes = [(*e[:5], *(c.tolist() for c in e.decisions)) for r in rounds for e in r.episodes]
     return policy.state(), rounds, episodes
 
@@ -356,6 +413,21 @@ def test_a_transfer_is_a_function_of_its_seed(mode):
     assert all(torch.equal(state[name], same_state[name]) for name in state)
     assert learn(mode, 4)[2] != episodes
     assert [r.frames for r in rounds] == list(range(64, 641, 64))
+
+
+@pytest.mark.parametrize("mode", ["paper", "default"])
+def test_to_look_at_a_run_changes_nothing(mode):
+    """With what `explain` reads written every round, and without, the same policy comes out."""
+
+    def watch(chooser, given):
+        assert list(Account(chooser, given).weights("late", 0))
+        first, again = chooser.weigh(), chooser.weigh()
+        assert all(np.array_equal(one, other) for one, other in zip(first, again, strict=True))
+
+    plain, _, episodes = learn(mode, 3)
+    watched, _, same = learn(mode, 3, watch=watch)
+    assert episodes == same
+    assert all(torch.equal(plain[name], watched[name]) for name in plain)
 
 
 @pytest.mark.parametrize("mode", ["paper", "default"])
