@@ -46,7 +46,7 @@ LETTER: dict[str, dict[str, Any]] = {
     "failure_cost": {"failure_cost": 0.0},
     "values": {"values": "per_guide"},
     "source_softness": {"source_softness": 0.0},
-    "lanes": {"lanes": 64, "block": 32},
+    "lanes": {"lanes": 64},
 }
 LETTER["letter"] = {name: value for reading in LETTER.values() for name, value in reading.items()}
 LETTER = {name: {"mode": "paper", **reading} for name, reading in LETTER.items()}
@@ -84,7 +84,7 @@ RULES = {
         hybrid={"credit": {"planned": False}},
     ),
     "block": Ablation("an update every 64 steps", hybrid={"block": 64}),
-    "three_epochs": Ablation("a fourth pass over each block", hybrid={"low_level": {"epochs": 4}}),
+    "fourth_epoch": Ablation("three passes over each block", hybrid={"low_level": {"epochs": 3}}),
     "paper": Ablation("all rules of guidance are off: Λ = ψ + Φ", guidance=Guidance(mode="paper")),
     **{
         f"paper_{name}": Ablation(f"the same, and {name} as the letter has it", guidance=Guidance(**letter))

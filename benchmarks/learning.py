@@ -58,7 +58,6 @@ READINGS: dict[str, Guidance] = {
         values="per_guide",
         source_softness=0.0,
         lanes=64,
-        block=32,
     ),
 }
 """What is added to a scenario's name -> how Eqs. 2 and 3 are read."""

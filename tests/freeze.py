@@ -2,7 +2,10 @@
 
 - `registry/bundles/BoxDoor-<schema>.zip.gz`: a policy that has learned BoxDoor, exported. Its networks have
   32 units a layer, and zeros up to the usual number, so that it is small when compressed.
+- `registry/bundles/BoxDoor-soft-<schema>.zip.gz`: the same by other settings than the usual ones.
 - `registry/released/<schema>`: the first schema's registry as this version has upgraded it.
+
+What is there already is left as it is.
 """
 
 import gzip
@@ -28,9 +31,17 @@ from paddlectl.registry.store import Registry
 from released import BUNDLES, RELEASED, rebuilt
 
 UNITS = 32
+POLICIES: dict[str, dict[str, Any]] = {
+    "BoxDoor": {},
+    "BoxDoor-soft": {"sharpness": 1.0, "low_level": {"sharpness": 1.0}, "decisions": {"max_steps": 40}},
+}
+"""Name -> what differs from the usual settings, all of it in how the policy plays."""
 
 
-def freeze_policy(place: Path) -> None:
+def freeze_policy(name: str, place: Path) -> None:
+    frozen = BUNDLES / f"{name}-{REVISIONS[-1]}.zip.gz"
+    if frozen.exists():
+        return
     mlp = ppo.mlp
 
     def keep_padded(registry: Registry, run: Any, policy: HybridPolicy, log: Any) -> Any:
@@ -45,11 +56,11 @@ def freeze_policy(place: Path) -> None:
         mock.patch.object(ppo, "mlp", partial(mlp, hidden=(UNITS,) * 3)),
         mock.patch.object(sources, "keep", keep_padded),
     ):
-        row = train_source(TrainJob("BoxDoor", 0), registry, lambda progress: print(progress.note, end="\r"))
+        job = TrainJob("BoxDoor", 0, hybrid=POLICIES[name])
+        row = train_source(job, registry, lambda progress: print(progress.note, end="\r"))
     print(row)
     bundles.export(registry, row["policy"], place / "policy.zip")
-    frozen = gzip.compress((place / "policy.zip").read_bytes(), 9, mtime=0)
-    (BUNDLES / f"BoxDoor-{REVISIONS[-1]}.zip.gz").write_bytes(frozen)
+    frozen.write_bytes(gzip.compress((place / "policy.zip").read_bytes(), 9, mtime=0))
 
 
 def _padded(small: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
@@ -61,7 +72,10 @@ def _padded(small: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
 
 def freeze_registry(place: Path) -> None:
     """Runs that go on have empty folders, which git doesn't keep: hence `.keep`."""
-    old, frozen = rebuilt("0001", place / "old"), RELEASED / REVISIONS[-1]
+    frozen = RELEASED / REVISIONS[-1]
+    if frozen.exists():
+        return
+    old = rebuilt("0001", place / "old")
     Registry.open(old)
     shutil.copytree(old, frozen, ignore=shutil.ignore_patterns("registry.*"))
     for run in (frozen / "runs").iterdir():
@@ -75,4 +89,5 @@ if __name__ == "__main__":
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
         freeze_registry(Path(folder))
-        freeze_policy(Path(folder))
+        for name in POLICIES:
+            freeze_policy(name, Path(folder) / name)

@@ -66,7 +66,6 @@ class Guidance(_Closed):
     values: Literal["per_guide", "per_subgoal"] = PaperSettings.values
     source_softness: Share = PaperSettings.source_softness
     lanes: Annotated[int, Field(ge=1, le=4096)] = PaperSettings.lanes
-    block: Annotated[int, Field(ge=1, le=4096)] = PaperSettings.block
 
     @model_validator(mode="after")
     def _readings_of_paper(self) -> "Guidance":

@@ -134,13 +134,14 @@ def test_explain(registry: Registry, command: Command) -> None:
 def test_explain_says_who_led_and_why(registry: Registry, command: Command) -> None:
     told = " ".join(command("explain").out.split())
     assert (
-        "Early: BlockedDoor led 96 % of 400 decisions: ψ 0.69, Φ 0.41, the highest Λ 1.10"
-        " before GapBall's 0.76; its subgoal gt_blockage() was reached in 95 %." in told
+        "Early: BlockedDoor led 96 % of 400 decisions; of these 100 % as its Λ was the largest. Its subgoal"
+        " (likeliest: gt_blockage()) was reached in 95 %. At the end of the phase its Λ was 1.10 (ψ 0.69,"
+        " Φ 0.41), GapBall's 0.76." in told
     )
     assert "Late: the target itself led 70 % of 100 decisions" in told
     assert (
-        "GapBall led 100 % of 50 decisions: ψ 0.69, Φ 0.30, Λ 0.99, with no rival; its subgoal gt_key()"
-        in told
+        "GapBall led 100 % of 50 decisions; of these 100 % as its Λ was the largest. Its subgoal (likeliest:"
+        " gt_key()) was reached in 50 %. At the end of the phase its Λ was 0.99 (ψ 0.69, Φ 0.30)." in told
     )
     assert "BlockedDoor → gt_blockage(), 12 steps, reached" in told
     assert "jump-start 0.70, final score 0.88, success 97 %" in told

@@ -126,7 +126,9 @@ def test_who_inherits_nothing_learns_as_a_source_does(copy: Registry, method: st
     row = transfers.run_transfer(TransferJob(scenario, given, method, 0, FRAMES), copy, lambda _: None)
     settings = copy.run(row["run"]).settings
     assert settings["preset"] is None
-    assert (settings["hybrid"]["lanes"], settings["hybrid"]["repeat"]) == (32, 20)
+    lanes, block = (8, 32) if mode == "paper" else (32, 8)
+    told = settings["hybrid"]
+    assert (told["lanes"], told["block"], told["repeat"]) == (lanes, block, 20)
 
 
 def test_a_source_of_other_networks_guides_and_hands_on_nothing(copy: Registry) -> None:

@@ -1,5 +1,6 @@
 """Going on with a run that was stopped, from what the registry says of it."""
 
+import dataclasses
 import json
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +10,7 @@ from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.pace import Pace, require_resumable
 from paddlectl.experiments.sources import train_source
 from paddlectl.experiments.transfers import run_transfer
-from paddlectl.hybrid.policy import settings_for
+from paddlectl.hybrid.policy import settings_from
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
@@ -46,8 +47,7 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
     """
     told = run.settings
     try:
-        hybrid = _as_begun(told["hybrid"])
-        settings_for(load(run.task), hybrid)  # a name that this version doesn't know is a TypeError
+        hybrid = dataclasses.asdict(settings_from(load(run.task), told["hybrid"]))
         if run.kind == "train":
             return TrainJob(run.task, run.seed, told["frames"], hybrid, told.get("preset"))
         return TransferJob(
@@ -64,10 +64,3 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
             f"the settings of {run.id} aren't what this version writes: {str(error)[:100]}",
             "go on with the version of paddlectl that the run began with",
         ) from error
-
-
-def _as_begun(told: Any) -> Any:
-    """Settings as they were before they became JSON, which has no tuples."""
-    if isinstance(told, dict):
-        return {name: _as_begun(value) for name, value in told.items()}
-    return tuple(map(_as_begun, told)) if isinstance(told, list) else told

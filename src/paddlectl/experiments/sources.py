@@ -2,18 +2,20 @@
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import safetensors
 import safetensors.torch
+import torch
 
 from paddlectl.errors import IntegrityError
 from paddlectl.experiments.jobs import Progress, TrainJob
 from paddlectl.experiments.log import RunLog, recorded, versions
 from paddlectl.experiments.pace import Pace
 from paddlectl.hybrid import training
-from paddlectl.hybrid.policy import HybridPolicy, settings_for
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, settings_for, settings_from
 from paddlectl.hybrid.rollout import Episode
 from paddlectl.logic.syntax import format_program
 from paddlectl.registry.records import PolicyRecord, RunRecord
@@ -131,13 +133,17 @@ def crispness(policy: HybridPolicy, recent: Sequence[Episode]) -> float:
 
 
 def keep(registry: Registry, run: RunRecord, policy: HybridPolicy, log: RunLog) -> PolicyRecord:
-    """Evaluates what was learned on unseen layouts and publishes it, only once for a run that is resumed."""
+    """Evaluates what was learned on unseen layouts and publishes it, only once for a run that is resumed.
+
+    Its settings are kept with it, for it to be revived by.
+    """
     task = policy.task
     data = checkpoint(policy)
     known = registry.run(run.id).policy
     if known and registry.policy(known).checkpoint == hashlib.sha256(data).hexdigest():
         return registry.policy(known)
-    result = training.evaluate(policy, task, EVALUATION_EPISODES, EVALUATION_SEED)
+    with _one_thread():
+        result = training.evaluate(policy, task, EVALUATION_EPISODES, EVALUATION_SEED)
     chosen = {"preset": run.settings["preset"]} if run.settings.get("preset") else {}
     return registry.add_policy(
         run=run.id,
@@ -153,11 +159,21 @@ def keep(registry: Registry, run: RunRecord, policy: HybridPolicy, log: RunLog) 
         mean_length=result.mean_length,
         crispness=result.crispness,
         metadata={
-            "heads": [str(h) for h in task.heads],
-            "atoms": [str(a) for a in task.vocabulary.atoms],
+            **_symbols(task),
             **chosen,
+            "settings": dataclasses.asdict(policy.settings),
+            "evaluation": {"episodes": EVALUATION_EPISODES, "seed": EVALUATION_SEED},
         },
     )
+
+
+def _symbols(task: Task) -> dict[str, list[str]]:
+    """What the rows and columns of a policy's tensors stand for."""
+    return {
+        "heads": [str(head) for head in task.heads],
+        "atoms": [str(atom) for atom in task.vocabulary.atoms],
+        "domain_heads": [str(head) for head in task.domain_heads],
+    }
 
 
 def checkpoint(policy: HybridPolicy) -> bytes:
@@ -167,15 +183,16 @@ def checkpoint(policy: HybridPolicy) -> bytes:
 
 
 def revive(registry: Registry, record: PolicyRecord) -> HybridPolicy:
-    """The policy of a record, with its tensors.
+    """The policy of a record, with its tensors and the settings that it was kept with.
 
     Raises:
-        IntegrityError: If the checkpoint isn't what was stored, or of another shape than its task asks for.
+        IntegrityError: If the checkpoint isn't what was stored, or of another shape than its task asks for,
+            or if this version can't read its settings.
     """
     task = load(record.task)
     try:
-        settings = settings_for(task, preset(task, record.metadata.get("preset")))
-        policy = HybridPolicy(task, record.seed, settings)
+        _require_symbols(record, task)
+        policy = HybridPolicy(task, record.seed, _settings_of(registry, record, task))
         policy.load(safetensors.torch.load(registry.read_checkpoint(record)))
     except (RuntimeError, KeyError, TypeError, safetensors.SafetensorError) as error:
         raise IntegrityError(
@@ -185,8 +202,47 @@ def revive(registry: Registry, record: PolicyRecord) -> HybridPolicy:
     return policy
 
 
+def _require_symbols(record: PolicyRecord, task: Task) -> None:
+    for name, symbols in _symbols(task).items():
+        if record.metadata.get(name, symbols) != symbols:
+            raise KeyError(name)
+
+
+def _settings_of(registry: Registry, record: PolicyRecord, task: Task) -> HybridSettings:
+    """Those kept with the policy; with an older one, those of its run, or today's of its preset.
+
+    Raises:
+        IntegrityError: If this version can't read them.
+        KeyError: If the task has no such preset.
+    """
+    stored, today = record.metadata.get("settings"), None
+    if stored is None:
+        stored = registry.run(record.run).settings.get("hybrid", {})
+        today = settings_for(task, preset(task, record.metadata.get("preset")))
+    try:
+        return settings_from(task, stored, today)
+    except ValueError as error:
+        raise IntegrityError(
+            f"the settings of {record.id} aren't what this version writes: {str(error)[:100]}",
+            "use the version of paddlectl that learned it",
+        ) from error
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """As in the processes of runs: with several, torch may add in another order, and a bit may differ."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
 def evaluate(registry: Registry, policy: PolicyRecord, task: str, episodes: int, seed: int) -> dict[str, Any]:
     """Plays a policy on unseen layouts of a task of its domain.
+
+    The same four give the same figures to the last bit, those that the policy was kept with among them.
 
     Returns:
         The document of `evaluate --json`.
@@ -200,7 +256,9 @@ def evaluate(registry: Registry, policy: PolicyRecord, task: str, episodes: int,
             f"{policy.id} is a {policy.domain} policy; {task} is a {played.domain} task",
             "policies can be played within their domain only",
         )
-    result = training.evaluate(revive(registry, policy), played, episodes, seed)
+    revived = revive(registry, policy)
+    with _one_thread():
+        result = training.evaluate(revived, played, episodes, seed)
     return {
         "policy": policy.id,
         "task": played.name,

@@ -46,7 +46,7 @@ def run_transfer(
         A row of `transfer --json`.
     """
     task = load(job.scenario.target)
-    settings = settings_for(task, preset(task, _way(job, task)), _paper_way(job), job.hybrid)
+    settings = settings_for(task, preset(task, _way(job, task)), _paper_way(job, task), job.hybrid)
     pace = pace or Pace()
     run = pace.begin(registry, lambda: _new_run(job, task, settings, registry))
     with recorded(registry, run) as log:
@@ -103,12 +103,14 @@ def _way(job: TransferJob, task: Task) -> str | None:
     return GUIDED if inherits and GUIDED in task.presets else None
 
 
-def _paper_way(job: TransferJob) -> Mapping[str, Any]:
+def _paper_way(job: TransferJob, task: Task) -> Mapping[str, Any]:
     """What `guidance: paper` asks of the hybrid model: its environments, and guides as patient as itself."""
     readings = job.scenario.guidance.readings()
     if job.method != "paddle" or readings is None:
         return {}
-    return {"lanes": readings.lanes, "block": readings.block, "decisions": {"patience": 1.0}}
+    usual = settings_for(task)
+    block = max(1, usual.lanes * usual.block // readings.lanes)
+    return {"lanes": readings.lanes, "block": block, "decisions": {"patience": 1.0}}
 
 
 def _rules(job: TransferJob, task: Task) -> GuidanceSettings:

@@ -1,7 +1,7 @@
 """The hybrid decision model: a logic program picks a subgoal, a learner reaches it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -48,10 +48,47 @@ LOW_LEVELS: Mapping[str, type[LearnerSettings]] = {"ppo": PPOSettings, "td3": TD
 
 def settings_for(task: Task, *changes: Mapping[str, Any]) -> HybridSettings:
     """The usual settings with those of the task and then with `changes`, `{"credit": {"planned": False}}`."""
-    settings = HybridSettings(low_level=LOW_LEVELS[task.learner]())
+    settings = _usual(task)
     for wanted in (task.settings, *changes):
         settings = _changed(settings, wanted)
     return settings
+
+
+def settings_from(task: Task, stored: Any, missing: HybridSettings | None = None) -> HybridSettings:
+    """The settings that `dataclasses.asdict` made `stored` of, also by way of JSON, which has no tuples.
+
+    A name that isn't there came later: it has its value in `missing`, or the usual one, whatever the task
+    changes today.
+
+    Raises:
+        ValueError: If there is a name that this version doesn't know, or a value of another kind.
+    """
+    settings: HybridSettings = _restored(missing or _usual(task), stored, "settings")
+    return settings
+
+
+def _usual(task: Task) -> HybridSettings:
+    return HybridSettings(low_level=LOW_LEVELS[task.learner]())
+
+
+def _restored(usual: Any, stored: Any, name: str) -> Any:
+    """What was stored in place of `usual`."""
+    if is_dataclass(usual) and not isinstance(usual, type):
+        if not isinstance(stored, Mapping) or not stored.keys() <= {each.name for each in fields(usual)}:
+            raise ValueError(f"{name} can't be {str(stored)[:60]}")
+        return replace(
+            usual, **{each: _restored(getattr(usual, each), value, each) for each, value in stored.items()}
+        )
+    if isinstance(usual, tuple) and isinstance(stored, list | tuple):
+        return tuple(_restored(0, value, name) for value in stored)
+    if _kind(stored) is not _kind(usual):
+        raise ValueError(f"{name} can't be {str(stored)[:60]}")
+    return stored
+
+
+def _kind(value: Any) -> type:
+    """Its type; whole numbers are numbers like others."""
+    return float if type(value) is int else type(value)
 
 
 def _changed(settings: Any, changes: Mapping[str, Any]) -> Any:

@@ -41,7 +41,7 @@ class PPOSettings:
     clip: float = 0.2
     entropy_coef: float = 0.01
     value_coef: float = 0.5
-    epochs: int = 3
+    epochs: int = 4
     minibatch: int = 512
     max_gradient_norm: float = 0.5
     clone_coef: float = 0.5

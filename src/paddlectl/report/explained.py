@@ -1,6 +1,7 @@
 """An explanation for people: program, Ψ, who led in which scene and why, an episode decision by decision."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,26 @@ from paddlectl.report.programs import minimised_grid
 from paddlectl.report.tables import figure, percent
 
 RARE = 0.002  # share of all decisions below which a scene is only counted
+SELDOM = 0.01  # share of a leader's decisions below which a rule is left out
 SHORTEST = 20  # minimised clauses that are shown; a soft program has hundreds
+
+# By which rule of `transfer.guidance.RULES` a guide was chosen: told of one decision, and of many.
+WHY = {
+    "largest": "its Λ is the largest",
+    "tie": "a tie: a source goes before the target, of sources a random one",
+    "penalty": "larger Λs were lowered for what those guides did before in this episode",
+    "floor": "no source's Λ is above the target's floor",
+    "trial": "forced target trial, to measure it here",
+    "novel": "novel-subgoal exploration: no source knows this subgoal",
+}
+WHY_OFTEN = {
+    "largest": "as its Λ was the largest",
+    "tie": "by a tie",
+    "penalty": "as larger Λs were lowered in that episode",
+    "floor": "as no source's Λ was above the target's floor",
+    "trial": "as a forced target trial",
+    "novel": "as novel-subgoal exploration",
+}
 
 Document = Mapping[str, Any]
 
@@ -108,14 +128,21 @@ def _psi(mapping: Document | None, scenes: "Sequence[SceneMet]", labels: Labels)
 
 @dataclass(frozen=True)
 class Standing:
-    """One policy in one scene and phase."""
+    """One policy in one scene and phase; ψ, Φ and Λ as they were at the end of the phase.
+
+    Attributes:
+        rules: Rule -> decisions in which the policy led by it; None if the run didn't record it.
+        dropped: It wasn't asked here any more at the end of the phase.
+    """
 
     policy: str
-    similarity: float | None
-    performance: float | None
-    weight: float | None
+    similarity: float
+    performance: float
+    weight: float
     chosen: int
     reached: int
+    rules: Mapping[str, int] | None = None
+    dropped: bool = False
 
 
 @dataclass(frozen=True)
@@ -168,7 +195,19 @@ def _standing(rows: Sequence[Document]) -> Standing:
         last["weight"],
         sum(row["chosen"] for row in rows),
         sum(row["reached"] for row in rows),
+        _rules(rows),
+        last.get("dropped", False),
     )
+
+
+def _rules(rows: Sequence[Document]) -> dict[str, int] | None:
+    """The counts of all rows; None if one of them has none."""
+    if any("rules" not in row for row in rows):
+        return None
+    total: Counter[str] = Counter()
+    for row in rows:
+        total.update(row["rules"])
+    return dict(total)
 
 
 class Subgoals:
@@ -203,7 +242,12 @@ def _guidance(document: Document, scenes: Sequence[SceneMet], labels: Labels) ->
     subgoals = Subgoals(document)
     everything = sum(scene.total for scene in scenes)
     shown = [scene for scene in scenes if scene.total >= RARE * everything]
-    parts: list[RenderableType] = [_heading("Who led in which scene, and why; * marks who was chosen most")]
+    parts: list[RenderableType] = [
+        _heading("Who led in which scene, and why; * marks who was chosen most"),
+        "ψ, Φ and Λ are those of the end of each phase; decisions before were made by earlier ones.",
+    ]
+    if any("rules" not in row for row in document["weights"]):
+        parts.append("This run is of an older version, which did not record why a guide was chosen.")
     for scene in shown:
         parts += [
             Text(scene_text(scene.body), "bold"),
@@ -221,42 +265,52 @@ def _guidance(document: Document, scenes: Sequence[SceneMet], labels: Labels) ->
 
 
 def sentences(scene: SceneMet, labels: Labels, subgoals: Subgoals) -> list[str]:
-    """One sentence a phase: which policy was used in the scene, how often, and why it and not the next."""
+    """What is told of each phase: who led, how often, by which rules, and how things stood at its end."""
     return [
-        f"{phase.capitalize()}: {_sentence(scene, phase, labels, subgoals)}"
+        f"{phase.capitalize()}: {' '.join(_told(scene, phase, labels, subgoals))}"
         for phase in PHASES
         if phase in scene.standings
     ]
 
 
-def _sentence(scene: SceneMet, phase: str, labels: Labels, subgoals: Subgoals) -> str:
+def _told(scene: SceneMet, phase: str, labels: Labels, subgoals: Subgoals) -> Iterator[str]:
     standings, decisions = scene.standings[phase], scene.decisions[phase]
     leader = standings[0]
-    goal = subgoals(leader.policy, scene.body)
-    led = (
-        f"{_name(leader.policy, labels)} led {percent(leader.chosen / decisions)} of {decisions:,} decisions"
-    )
-    end = f"its subgoal {goal} was reached in" if goal else "its subgoal was reached in"
-    reached = percent(leader.reached / leader.chosen) if leader.chosen else "–"
-    return f"{led}: {_reason(leader, standings[1:], labels)}; {end} {reached}.{_dropped(standings, labels)}"
+    share = percent(leader.chosen / decisions)
+    yield f"{_name(leader.policy, labels)} led {share} of {decisions:,} decisions{_causes(leader)}."
+    if leader.chosen:
+        likeliest = "likeliest in its final program" if leader.policy == TARGET else "likeliest"
+        goal = subgoals(leader.policy, scene.body)
+        which = f" ({likeliest}: {goal})" if goal else ""
+        yield f"Its subgoal{which} was reached in {percent(leader.reached / leader.chosen)}."
+    yield _end(leader, standings[1:], labels)
+    dropped = [_name(one.policy, labels) for one in standings if one.dropped]
+    if dropped:
+        yield f"Dropped here by then, as its subgoal was reached too seldom: {', '.join(dropped)}."
 
 
-def _dropped(standings: Sequence[Standing], labels: Labels) -> str:
-    """Who was dropped from the scene; nothing else has a Λ below 0."""
-    names = [_name(one.policy, labels) for one in standings if one.weight is not None and one.weight < 0]
-    return f" Dropped here, as its subgoal was hardly ever reached: {', '.join(names)}." if names else ""
+def _causes(leader: Standing) -> str:
+    """The rules by which it led, with their shares of its decisions; nothing if they weren't recorded."""
+    rules = sorted((leader.rules or {}).items(), key=lambda rule: -rule[1])
+    told = [
+        f"{percent(count / leader.chosen)} {WHY_OFTEN.get(rule) or _unknown(rule)}"
+        for rule, count in rules
+        if leader.chosen and count >= SELDOM * leader.chosen
+    ]
+    return f"; of these {', '.join(told)}" if told else ""
 
 
-def _reason(leader: Standing, others: Sequence[Standing], labels: Labels) -> str:
-    own = f"ψ {figure(leader.similarity)}, Φ {figure(leader.performance)}"
-    rivals = [other for other in others if other.weight is not None]
-    if leader.weight is None or not rivals:
-        return f"{own}, Λ {figure(leader.weight)}, with no rival"
-    rival = max(rivals, key=lambda other: other.weight or 0.0)
-    name = f"{_name(rival.policy, labels)}'s {figure(rival.weight)}"
-    if leader.weight >= (rival.weight or 0.0):
-        return f"{own}, the highest Λ {figure(leader.weight)} before {name}"
-    return f"{own}, Λ {figure(leader.weight)}; {name} had passed it at the end"
+def _unknown(rule: str) -> str:
+    """A rule of a newer version."""
+    return f"by the rule {clean(rule)}"
+
+
+def _end(leader: Standing, others: Sequence[Standing], labels: Labels) -> str:
+    """How the leader and the best of the others stood at the end; not why anyone led before."""
+    own = f"its Λ was {figure(leader.weight)} (ψ {figure(leader.similarity)}, Φ {figure(leader.performance)})"
+    rival = max(others, key=lambda other: other.weight, default=None)
+    beside = f", {_name(rival.policy, labels)}'s {figure(rival.weight)}" if rival else ""
+    return f"At the end of the phase {own}{beside}."
 
 
 def _name(policy: str, labels: Labels) -> str:
@@ -301,16 +355,22 @@ def _episodes(document: Document, labels: Labels) -> list[RenderableType]:
 
 def _decision(decision: Document, labels: Labels) -> list[RenderableType]:
     end = "reached" if decision["reached"] else "not reached"
-    audition = ", to be measured here" if decision.get("audition") else ""
     took = f"{decision['steps']} steps, {end}"
     line = f"{decision['step']:>4}  {scene_text(decision['scene'])}"
-    who = f"{_name(decision['guide'], labels)}{audition} → {clean(decision['head'])}, {took}"
+    who = f"{_name(decision['guide'], labels)} → {clean(decision['head'])}, {took}"
     return [
         line,
         Padding(Text(who, "bold"), (0, 0, 0, 6), expand=False),
+        *(Padding(f"Why: {why}.", (0, 0, 0, 6), expand=False) for why in _why(decision)),
         Padding(_candidates(decision, labels), (0, 0, 0, 6), expand=False),
         Padding(Text(clean(decision["clause"]), "dim"), (0, 0, 0, 6), expand=False),
     ]
+
+
+def _why(decision: Document) -> Iterator[str]:
+    """The rule that chose the guide, in words, if the run recorded it."""
+    if "rule" in decision:
+        yield WHY.get(decision["rule"]) or _unknown(decision["rule"])
 
 
 def _candidates(decision: Document, labels: Labels) -> Table:

@@ -12,12 +12,13 @@ from paddlectl.report.programs import program_document
 TARGET = "target"
 PHASES = ("early", "late")
 
-# What a run writes: the fields of each kind of row, and what their values are.
+# What a run writes: the fields of each kind of row, and what their values are. Older runs lack those of MORE.
 _MAPPING = {"target": str, "sources": [str], "scenes": list}
 _SCENE = {"body": [str], "heads": [str], "self_similarity": float, "matches": list}
 _MATCH = {"policy": str, "task": str, "similarity": float, "scenes": [[str]]}
 _WEIGHING = {"policy": str, "similarity": float, "performance": float, "weight": float}
 _WEIGHT = {"phase": str, "scene": [str], "decisions": int, "chosen": int, "reached": int, **_WEIGHING}
+_WEIGHT_MORE = {"rules": {str: int}, "dropped": bool}
 _DECISION = {
     "step": int,
     "scene": [str],
@@ -28,6 +29,7 @@ _DECISION = {
     "steps": int,
     "reached": bool,
 }
+_DECISION_MORE = {"rule": str}
 
 
 def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
@@ -67,18 +69,23 @@ def _check(run: str, mapping: Any, weights: Any, trace: Any) -> None:
         _demand(run, "mapping.json", mapping["scenes"], _SCENE)
         for scene in mapping["scenes"]:
             _demand(run, "mapping.json", scene["matches"], _MATCH)
-    _demand(run, "weights.jsonl", weights, _WEIGHT)
+    _demand(run, "weights.jsonl", weights, _WEIGHT, _WEIGHT_MORE)
     _demand(run, "trace.json", [trace], {})
     for phase in PHASES:
         _demand(run, "trace.json", [{"score": trace.get(f"score_{phase}", 0.0)}], {"score": float})
-        _demand(run, "trace.json", trace.get(phase, []), _DECISION)
+        _demand(run, "trace.json", trace.get(phase, []), _DECISION, _DECISION_MORE)
         for decision in trace.get(phase, []):
             _demand(run, "trace.json", decision["weights"], _WEIGHING)
 
 
-def _demand(run: str, file: str, rows: Any, fields: Mapping[str, Any]) -> None:
+def _demand(
+    run: str, file: str, rows: Any, fields: Mapping[str, Any], more: Mapping[str, Any] | None = None
+) -> None:
+    """Each row has these fields, and may have more."""
     sound = isinstance(rows, list) and all(
-        isinstance(row, Mapping) and all(_is(kind, row.get(field)) for field, kind in fields.items())
+        isinstance(row, Mapping)
+        and all(_is(kind, row.get(field)) for field, kind in fields.items())
+        and all(_is(kind, row[field]) for field, kind in (more or {}).items() if field in row)
         for row in rows
     )
     if not sound:
@@ -86,7 +93,12 @@ def _demand(run: str, file: str, rows: Any, fields: Mapping[str, Any]) -> None:
 
 
 def _is(kind: Any, value: Any) -> bool:
-    """Whether a JSON value is of a kind: a type, or `[kind]` for a list of them. An int is a float too."""
+    """Whether a JSON value is of a kind: a type, `[kind]` for a list of them, `{str: kind}` for an object.
+
+    An int is a float too.
+    """
+    if isinstance(kind, dict):
+        return isinstance(value, dict) and all(_is(kind[str], item) for item in value.values())
     if isinstance(kind, list):
         return isinstance(value, list) and all(_is(kind[0], item) for item in value)
     if isinstance(value, bool):

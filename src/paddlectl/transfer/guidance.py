@@ -45,8 +45,8 @@ class PaperSettings:
             from what its guides found out, and can pass them.
         source_softness: Share of the uniform distribution that is mixed into the sources' programs. The
             paper's sources aren't crisp; a crisp one can't be passed by a target that still learns.
-        lanes: Environments side by side; so many choose before the first return is known.
-        block: Steps of each between two updates.
+        lanes: Environments side by side; so many choose before the first return is known. An update is of as
+            many steps as usual.
     """
 
     initial_performance: float = 0.0
@@ -55,7 +55,6 @@ class PaperSettings:
     values: Literal["per_guide", "per_subgoal"] = "per_subgoal"
     source_softness: float = 0.1
     lanes: int = 8
-    block: int = 256
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ from paddlectl.transfer.performance import MeanReturns, Table, performance
 from paddlectl.transfer.practice import Practice
 from paddlectl.transfer.similarity import SceneMapping
 
-DROPPED = 1.0
-"""Taken off Λ of a source that is dropped from a situation: below anything that the target may have."""
+DROPPED = -1.0
+"""Λ of a source that is dropped from a situation: below anything that the target may have."""
 
 
 @dataclass(frozen=True)
@@ -193,12 +193,13 @@ class GuideChooser:
         weights = self._lane_weights(weighing.weight, lanes, situations)
         scenes = situations // LEVELS
         chosen = choose_guide(weights, self._rng)
-        rules = self._rules(chosen, weights, weighing.weight[situations])
+        rules = self._rules(chosen, weights, weighing.weight[situations], situations)
         practised = self._practised(lanes, scenes)
+        novel = practised >= 0
+        chosen[novel], rules[novel] = TARGET, "novel"
         trial = self._auditions(lanes, scenes, chosen)
-        rules[trial], rules[practised >= 0] = "trial", "novel"
-        chosen[trial | (practised >= 0)] = TARGET
-        heads = np.where(practised >= 0, practised, self._heads(chosen, scenes))
+        chosen[trial], rules[trial] = TARGET, "trial"
+        heads = np.where(novel, practised, self._heads(chosen, scenes))
         for lane, situation, candidate, head, rule, weight in zip(
             lanes, situations, chosen, heads, rules, weights, strict=True
         ):
@@ -247,12 +248,26 @@ class GuideChooser:
         heads[own] = self._own_heads[sample_rows(self._own[scenes[own]], self._rng)]
         return heads
 
-    def _rules(self, chosen: Ints, weights: Table, unpenalised: Table) -> NDArray[np.object_]:
-        """Why each candidate was chosen by its Λ. [n]"""
-        rows = np.arange(len(chosen))
+    def _rules(
+        self, chosen: Ints, weights: Table, unpenalised: Table, situations: Ints
+    ) -> NDArray[np.object_]:
+        """Why each candidate was chosen by its Λ.
+
+        Args:
+            chosen: The candidates. [n]
+            weights: Λ, this episode's penalties included. [n, C]
+            unpenalised: Λ without them. [n, C]
+            situations: Where. [n]
+
+        Returns:
+            `Rule`s. [n]
+        """
+        largest, guides = weights == weights.max(-1, keepdims=True), self.candidates.guides
+        first = np.where(largest, guides, guides.max() + 1).min(-1)
+        last = np.where(largest, guides, TARGET).max(-1)
         rules = np.full(len(chosen), "largest", object)
-        rules[(weights == weights.max(-1, keepdims=True)).sum(-1) > 1] = "tie"
-        rules[unpenalised[rows, chosen] < unpenalised.max(-1)] = "penalty"
+        rules[first < last] = "tie"
+        rules[unpenalised[np.arange(len(chosen)), chosen] < unpenalised.max(-1)] = "penalty"
         return rules
 
     def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
@@ -377,10 +392,8 @@ class PlannedGuides(GuideChooser):
 
     def weigh(self) -> Weighing:
         """ψ faded into the planned Φ; the target by merit, or out of curiosity. [R, C] each"""
-        rules = self.rules
-        measured = self._plan.count[:, TARGET] >= rules.audition_samples
         weights = self._weights()
-        weights[:, TARGET] += rules.target_margin * measured
+        weights[:, TARGET] += self.rules.target_margin * self._measured()
         return Weighing(self._similarity, self._returns, weights)
 
     def _weights(self) -> Table:
@@ -388,9 +401,8 @@ class PlannedGuides(GuideChooser):
         rules = self.rules
         weights = faded_weight(self._known, self._returns, self._plan.count, rules.fading)
         weights[np.isneginf(self._similarity)] = -np.inf
-        weights[self.dropped()] -= DROPPED
-        measured = self._plan.count[:, TARGET] >= rules.audition_samples
-        merit = np.where(measured, self._returns[:, TARGET], 0.0)
+        weights[self.dropped()] = DROPPED
+        merit = np.where(self._measured(), self._returns[:, TARGET], 0.0)
         weights[:, TARGET] = np.maximum(merit, rules.curiosity)
         return weights
 
@@ -415,10 +427,18 @@ class PlannedGuides(GuideChooser):
         penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.curiosity)
         return penalised
 
-    def _rules(self, chosen: Ints, weights: Table, unpenalised: Table) -> NDArray[np.object_]:
-        rules = super()._rules(chosen, weights, unpenalised)
-        rules[(chosen == TARGET) & (weights[:, TARGET] <= self.rules.curiosity)] = "floor"
+    def _rules(
+        self, chosen: Ints, weights: Table, unpenalised: Table, situations: Ints
+    ) -> NDArray[np.object_]:
+        rules = super()._rules(chosen, weights, unpenalised, situations)
+        floor = self.rules.curiosity + self.rules.target_margin * self._measured()[situations]
+        rules[(chosen == TARGET) & (unpenalised[:, TARGET] <= floor) & (rules != "penalty")] = "floor"
         return rules
+
+    def _measured(self) -> Bools:
+        """Where the target has led often enough for its returns to count. [R]"""
+        measured: Bools = self._plan.count[:, TARGET] >= self.rules.audition_samples
+        return measured
 
     def _practised(self, lanes: Ints, scenes: Ints) -> Ints:
         return self._practice.heads(lanes, scenes)

@@ -1,0 +1,250 @@
+"""An evaluation is a function of (policy, task, seed, episodes): not of who asks, or when, or of defaults."""
+
+import dataclasses
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from paddlectl.errors import IntegrityError
+from paddlectl.experiments import sources
+from paddlectl.experiments.jobs import TrainJob
+from paddlectl.experiments.resuming import job_of
+from paddlectl.experiments.sources import EVALUATION_SEED, evaluate, revive, train_source
+from paddlectl.hybrid import training
+from paddlectl.hybrid.credit import CreditSettings
+from paddlectl.hybrid.policy import HybridSettings, settings_for
+from paddlectl.hybrid.rollout import DecisionSettings, Episode
+from paddlectl.learners.buffers import RolloutBuffer
+from paddlectl.learners.ppo import PPOSettings
+from paddlectl.logic.syntax import format_program
+from paddlectl.registry import bundles
+from paddlectl.registry.records import PolicyRecord
+from paddlectl.registry.store import Registry
+from paddlectl.tasks.base import Task
+from paddlectl.tasks.suite import load, names
+
+FRAMES = 2048  # a block of MiniGrid; the maze takes a whole one of its own
+EPISODES = 16
+FIGURES = ("success_rate", "mean_score", "mean_length")
+SOFT = {"sharpness": 1.0, "low_level": {"sharpness": 1.0}, "decisions": {"max_steps": 30}}
+SOURCE = Path(sources.__file__).parents[2]
+
+
+@pytest.fixture
+def registry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Registry]:
+    monkeypatch.setattr(sources, "EVALUATION_EPISODES", EPISODES)
+    with Registry.open(tmp_path / "registry") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Registry]:
+    """policy-1 was learned by other settings than the usual ones."""
+    with pytest.MonkeyPatch.context() as patch, Registry.open(tmp_path_factory.mktemp("soft")) as opened:
+        patch.setattr(sources, "EVALUATION_EPISODES", EPISODES)
+        assert learn("GapBall", opened, SOFT, 8 * FRAMES).success_rate > 0.2
+        yield opened
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Hashes of what was observed and done in the latest evaluation.
+
+    Figures alone tell little of a task that hardly anyone solves so soon.
+    """
+    blocks: list[str] = []
+    collect, evaluate = training.Rollout.collect, training.evaluate
+
+    def collecting(rollout: training.Rollout, buffer: RolloutBuffer) -> list[Episode]:
+        episodes = collect(rollout, buffer)
+        blocks.append(hashlib.sha256(buffer.observations.tobytes() + buffer.actions.tobytes()).hexdigest())
+        return episodes
+
+    def evaluating(*given: Any) -> training.Evaluation:
+        blocks.clear()
+        return evaluate(*given)
+
+    monkeypatch.setattr(training.Rollout, "collect", collecting)
+    monkeypatch.setattr(training, "evaluate", evaluating)
+    return blocks
+
+
+def learn(
+    task: str, registry: Registry, hybrid: dict[str, Any] | None = None, frames: int = FRAMES
+) -> PolicyRecord:
+    job = TrainJob(task, 0, frames, hybrid or {})
+    return registry.policy(train_source(job, registry, lambda _: None)["policy"])
+
+
+def stored(policy: PolicyRecord) -> dict[str, float]:
+    return {figure: getattr(policy, figure) for figure in FIGURES}
+
+
+def played(registry: Registry, policy: PolicyRecord) -> dict[str, float]:
+    found = evaluate(registry, policy, policy.task, EPISODES, EVALUATION_SEED)
+    return {figure: found[figure] for figure in FIGURES}
+
+
+def played_elsewhere(registry: Registry, policy: PolicyRecord) -> dict[str, float]:
+    """In a process of its own that may have several threads."""
+    line = [sys.executable, "-m", "paddlectl", "evaluate", policy.id, "--registry", str(registry.location)]
+    environment = os.environ | {"PYTHONPATH": str(SOURCE), "OMP_NUM_THREADS": "2"}
+    done = subprocess.run(
+        [*line, "--episodes", str(EPISODES), "--json"], env=environment, capture_output=True, check=True
+    )
+    found = json.loads(done.stdout)
+    return {figure: found[figure] for figure in FIGURES}
+
+
+@pytest.mark.parametrize("name", names())
+def test_what_is_stored_is_what_is_found(name: str, registry: Registry, seen: list[str]) -> None:
+    policy = learn(name, registry)
+    at_first = seen.copy()
+    assert played(registry, policy) == stored(policy)
+    assert seen == at_first
+    revived, task = revive(registry, policy), load(name)
+    assert revived.settings == settings_for(task)
+    before = training.evaluate(revived, task, EPISODES, EVALUATION_SEED)
+    assert (before.success_rate, before.mean_score, before.mean_length) == tuple(stored(policy).values())
+    assert (before.crispness, format_program(before.program)) == (policy.crispness, policy.program)
+    learning = training.train(revived, 1, FRAMES)
+    learning.rollout.collect(learning.buffer)  # it goes on acting, and doesn't learn
+    assert training.evaluate(revived, task, EPISODES, EVALUATION_SEED) == before
+    assert seen == at_first
+    if name in {"GapBall", "MailMaze"}:
+        assert played_elsewhere(registry, policy) == stored(policy)
+
+
+def test_the_threads_of_who_asks_stay_as_they_are(soft: Registry) -> None:
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        assert played(soft, soft.policy("policy-1")) == stored(soft.policy("policy-1"))
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
+# What a policy was learned by is what it is revived by
+
+
+def change_defaults(patch: pytest.MonkeyPatch, kind: type[Any], **values: Any) -> None:
+    """Other defaults of a settings dataclass, all of whose fields have one."""
+    found = zip(dataclasses.fields(kind), kind.__init__.__defaults__, strict=True)
+    patch.setattr(
+        kind.__init__, "__defaults__", tuple(values.get(field.name, usual) for field, usual in found)
+    )
+
+
+def other_defaults(patch: pytest.MonkeyPatch) -> None:
+    change_defaults(patch, HybridSettings, sharpness=9.0, repeat=2, lanes=3)
+    change_defaults(patch, PPOSettings, sharpness=9.0, epochs=9)
+    change_defaults(patch, DecisionSettings, max_steps=50, patience=0.9)
+    assert HybridSettings().sharpness == HybridSettings().low_level.sharpness == 9.0
+
+
+def other_task(patch: pytest.MonkeyPatch) -> None:
+    def changed(name: str) -> Task:
+        return dataclasses.replace(load(name), settings={"sharpness": 9.0, "decisions": {"max_steps": 50}})
+
+    patch.setattr(sources, "load", changed)
+
+
+@pytest.mark.parametrize("change", [lambda patch: None, other_defaults, other_task])
+def test_no_default_changes_a_policy(
+    soft: Registry, change: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    policy = soft.policy("policy-1")
+    learned_by = settings_for(load("GapBall"), SOFT)
+    change(monkeypatch)
+    assert revive(soft, policy).settings == learned_by
+    assert played(soft, policy) == stored(policy)
+
+
+def test_its_settings_go_with_it(soft: Registry, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bundles.export(soft, "policy-1", tmp_path / "policy.zip")
+    with Registry.open(tmp_path / "elsewhere") as elsewhere:
+        bundles.import_(lambda: Registry.open(tmp_path / "elsewhere"), tmp_path / "policy.zip")
+        other_defaults(monkeypatch)
+        assert elsewhere.policy("policy-1").metadata == soft.policy("policy-1").metadata
+        assert played(elsewhere, elsewhere.policy("policy-1")) == stored(soft.policy("policy-1"))
+
+
+def test_an_older_policy_has_the_settings_of_its_run(soft: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
+    policy = dataclasses.replace(soft.policy("policy-1"), metadata={})
+    other_defaults(monkeypatch)
+    assert played(soft, policy) == stored(policy)
+
+
+def test_a_policy_that_nothing_is_known_of_is_played_as_today(soft: Registry, registry: Registry) -> None:
+    known = soft.policy("policy-1")
+    run = registry.add_run(
+        kind="train",
+        method="hdm",
+        task="GapBall",
+        scenario=None,
+        sources=(),
+        seed=0,
+        settings={},
+        versions={},
+    )
+    told = {name: getattr(known, name) for name in (*FIGURES, "crispness", "domain", "frames", "program")}
+    policy = registry.add_policy(
+        run=run.id, task="GapBall", method="hdm", seed=0, checkpoint=soft.read_checkpoint(known), metadata={},
+        **told,
+    )  # fmt: skip
+    assert revive(registry, policy).settings == settings_for(load("GapBall"))
+    assert played(registry, policy) != stored(known)
+
+
+def test_a_name_that_came_later_has_its_usual_value(soft: Registry) -> None:
+    policy = soft.policy("policy-1")
+    settings = json.loads(json.dumps(policy.metadata["settings"]))
+    del settings["repeat"], settings["credit"]["imitation_margin"]
+    older = dataclasses.replace(policy, metadata={"settings": settings})
+    assert revive(soft, older).settings == settings_for(load("GapBall"), SOFT)
+    assert (HybridSettings().repeat, CreditSettings().imitation_margin) == (1, 0.0)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        [],
+        "soft",
+        {"softness": 1.0},
+        {"sharpness": "1.0"},
+        {"sharpness": True},
+        {"sharpness": None},
+        {"sharpness": {"power": 1.0}},
+        {"low_level": 1},
+        {"low_level": {"hidden": [400]}},
+        {"credit": {"planned": 1}},
+    ],
+)
+def test_settings_that_cant_be_read_are_told(soft: Registry, settings: Any) -> None:
+    policy = dataclasses.replace(soft.policy("policy-1"), metadata={"settings": settings})
+    with pytest.raises(IntegrityError, match="the settings of policy-1 aren't what this version writes"):
+        revive(soft, policy)
+
+
+@pytest.mark.parametrize("name", ["heads", "atoms"])
+def test_clauses_of_other_symbols_are_refused(soft: Registry, name: str) -> None:
+    policy = soft.policy("policy-1")
+    other = {**policy.metadata, name: policy.metadata[name][::-1]}
+    with pytest.raises(IntegrityError, match="doesn't fit GapBall"):
+        revive(soft, dataclasses.replace(policy, metadata=other))
+
+
+def test_a_run_goes_on_by_its_own_settings(soft: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun_by = settings_for(load("GapBall"), SOFT)
+    other_defaults(monkeypatch)
+    job = job_of(soft.run("run-1"))
+    assert settings_for(load("GapBall"), job.hybrid) == begun_by

@@ -1,0 +1,79 @@
+"""The stored fields that `explain` leans on: old runs lack some, damaged ones are refused."""
+
+import pytest
+
+from paddlectl.errors import IntegrityError
+from paddlectl.registry.store import Registry
+from paddlectl.report.explained import explanation_parts
+from paddlectl.report.explanation import explanation_document
+from paddlectl.report.output import print_text
+from samples import BLOCKED_DOOR, GAP_BALL, add_source, add_transfer, decision, program, weight_rows
+
+
+@pytest.fixture
+def registry(tmp_path):
+    """Two sources and a transfer, which `explained` adds another to."""
+    made = Registry.open(tmp_path / "registry")
+    for task, clauses in (("BlockedDoor", BLOCKED_DOOR), ("GapBall", GAP_BALL)):
+        add_source(made, task, program(task, clauses))
+    add_transfer(made)
+    return made
+
+
+def explained(registry, weights=None, trace=None):
+    """Explains a second transfer that left these."""
+    run = registry.add_run(
+        kind="transfer", method="paddle", task="BlockedBoxUnlockPickup", scenario="A",
+        sources=["policy-1", "policy-2"], seed=0, settings={}, versions={},
+    )  # fmt: skip
+    registry.append_rows(run.id, "weights", weight_rows() if weights is None else weights)
+    registry.write_document(run.id, "trace", {"early": [trace or decision()], "late": []})
+    document = explanation_document(registry, registry.run(run.id))
+    print_text(explanation_parts(document, registry.run(run.id)))
+    return document
+
+
+def without(row, *fields):
+    return {name: value for name, value in row.items() if name not in fields}
+
+
+def test_new_and_old_runs_are_explained(registry):
+    explained(registry)
+    old = [without(row, "rules", "dropped") for row in weight_rows()]
+    explained(registry, old, without(decision(), "rule"))
+    explained(registry, old, without(decision(), "rule") | {"audition": True})
+
+
+def test_an_unknown_rule_is_told_by_its_name(registry, capsys):
+    rows = [row | {"rules": {"of tomorrow": row["chosen"]}} for row in weight_rows()]
+    explained(registry, rows, decision() | {"rule": "of tomorrow"})
+    told = capsys.readouterr().out
+    assert "Why: by the rule of tomorrow." in told
+    assert "of these 100 % by the rule of tomorrow" in told
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"rules": None},
+        {"rules": ["tie"]},
+        {"rules": "tie"},
+        {"rules": {"tie": "1"}},
+        {"rules": {"tie": None}},
+        {"rules": {"tie": True}},
+        {"rules": {"tie": 0.5}},
+        {"dropped": None},
+        {"dropped": 1},
+        {"dropped": "yes"},
+    ],
+)
+def test_damaged_rows_of_weights_are_refused(registry, damage):
+    rows = weight_rows()
+    with pytest.raises(IntegrityError, match=r"weights\.jsonl"):
+        explained(registry, [*rows[:-1], rows[-1] | damage])
+
+
+@pytest.mark.parametrize("damage", [{"rule": None}, {"rule": 3}, {"rule": ["tie"]}, {"rule": {}}])
+def test_damaged_decisions_are_refused(registry, damage):
+    with pytest.raises(IntegrityError, match=r"trace\.json"):
+        explained(registry, trace=decision() | damage)
