@@ -13,7 +13,7 @@ from paddlectl.experiments import transfers
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
-from paddlectl.transfer.guidance import GuidanceSettings
+from paddlectl.transfer.guidance import RULES, GuidanceSettings
 from samples import ROOT
 from small_transfer import CHANGES, FRAMES, TARGET, job
 
@@ -123,8 +123,10 @@ def test_weights_by_scene_and_policy(transfer, mode):
     for row in rows:
         assert set(row) == {
             "phase", "frames", "scene", "policy", "task", "similarity", "performance", "weight",
-            "decisions", "chosen", "reached",
+            "decisions", "chosen", "reached", "rules", "dropped",
         }  # fmt: skip
+        assert sum(row["rules"].values()) == row["chosen"]
+        assert set(row["rules"]) <= set(RULES)
         assert names(row["scene"]) == VOCABULARY
         assert row["task"] == tasks[row["policy"]]
         assert 0 <= row["reached"] <= row["chosen"] <= row["decisions"] > 0
@@ -150,8 +152,9 @@ def test_the_trace_of_an_early_and_a_late_episode(transfer, mode):
         assert [decision["step"] for decision in trace[phase]] == list(range(1, len(trace[phase]) + 1))
         for decision in trace[phase]:
             assert set(decision) >= {
-                "step", "scene", "clause", "guide", "weights", "head", "steps", "reached",
+                "step", "scene", "clause", "guide", "weights", "head", "steps", "reached", "rule",
             }  # fmt: skip
+            assert decision["rule"] in RULES
             assert decision["guide"] in {weight["policy"] for weight in decision["weights"]}
             assert decision["clause"] == f"{decision['head']} :- {', '.join(decision['scene'])}"
             assert 1 <= decision["steps"] <= 50

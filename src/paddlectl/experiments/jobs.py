@@ -32,8 +32,7 @@ class TransferJob:
     Attributes:
         rules: Of `guidance: default`; None are those that fit the task. Nothing to `paper`, whose settings
             are the scenario's.
-        hybrid: As for a `TrainJob`. Not the shape of the networks: a kept policy is revived with
-            the usual one.
+        hybrid: As for a `TrainJob`.
     """
 
     scenario: Scenario

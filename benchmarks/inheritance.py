@@ -1,0 +1,95 @@
+"""What inheritance gives by itself: the target learns alone, from its most similar source's low level.
+
+`paddle` hands a low level on to its target, too; what it has beyond this is what its guides give. The sources
+are those that learning.py has trained in the same registry, of the seed of each run:
+
+    python benchmarks/learning.py --parts sources
+    python benchmarks/inheritance.py --scenarios A C
+"""
+
+import argparse
+import json
+from datetime import UTC, datetime
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from learning import BARS, BUDGETS, HERE, SEEDS, Ended, _reached, commit, machine, paired_sources, scenario_of
+from readme_table import Column, figure, grouped, seeds, table
+
+from paddlectl.registry.store import Registry
+
+Result = dict[str, Any]
+COLUMNS: list[Column] = [
+    ("seeds", seeds),
+    ("frames", figure("frames", ",.0f", less_is_better=True)),
+    ("jump-start", figure("jump_start", ".2f", less_is_better=False)),
+    ("frames to 0.9", figure("to_success/0.9/frames", ",.0f", less_is_better=True)),
+    ("success", figure("success", ".1%", less_is_better=False)),
+    ("area", figure("area_under_curve", ".2f", less_is_better=False)),
+]
+
+
+def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
+    """One run, as `paddle` sets it up but for its guides."""
+    import torch
+
+    from paddlectl.experiments.curves import curve_figures, in_order
+    from paddlectl.experiments.log import versions
+    from paddlectl.experiments.sources import EVALUATION_EPISODES, EVALUATION_SEED
+    from paddlectl.experiments.transfers import _inherit, _mapping, _source
+    from paddlectl.hybrid import training
+    from paddlectl.hybrid.policy import HybridPolicy, settings_for
+    from paddlectl.tasks.suite import load
+    from paddlectl.transfer.guidance import GuidanceSettings
+
+    torch.set_num_threads(1)
+    scenario, seed = scenario_of(job[0]), job[1]
+    task, opened = load(scenario.target), Registry.open(registry)
+    target = HybridPolicy(task, seed, settings_for(task))
+    sources = [_source(opened, policy) for policy in paired_sources(opened, scenario, seed)]
+    mapping, _ = _mapping(target, sources, scenario.similarity)
+    _inherit(target, sources, mapping, GuidanceSettings().inheritance)
+    learning = training.train(target, seed, frames or BUDGETS[task.name])
+    episodes, progress = [], []
+    for round_ in learning:
+        episodes += [Ended(e.order, e.started, e.finished, e.score) for e in round_.episodes]
+        progress.append({"frames": round_.frames, "seconds": 0.0})
+    found = training.evaluate(target, task, EVALUATION_EPISODES, EVALUATION_SEED)
+    known = in_order(episodes)
+    return {
+        "name": f"{task.name}, inheritance without guides, scenario {scenario.name}",
+        "seed": seed,
+        "frames": learning.rollout.frames,
+        **curve_figures(episodes, learning.rollout.frames),
+        "to_success": {str(bar): _reached(known, progress, bar) for bar in BARS},
+        "success": found.success_rate,
+        "mean_length": found.mean_length,
+        "commit": commit(),
+        "versions": versions(),
+        "machine": machine(),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--scenarios", nargs="+", default=["A", "C"], help="names of files in scenarios/")
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
+    parser.add_argument("--frames", type=int, help="of every run, instead of its usual budget")
+    parser.add_argument("--workers", type=int, default=2, help="processes at a time")
+    parser.add_argument("--registry", default="build/bench", help="where the sources are")
+    parser.add_argument("--output", type=Path, default=HERE / "inheritance.json", help="the result file")
+    options = parser.parse_args()
+    jobs = [(scenario, seed) for scenario in options.scenarios for seed in options.seeds]
+    with get_context("spawn").Pool(options.workers) as pool:
+        runs = pool.map(partial(learned, options.registry, options.frames), jobs, chunksize=1)
+    results = {"runs": runs, "written": datetime.now(UTC).isoformat(timespec="seconds")}
+    options.output.write_text(json.dumps(results, indent=1) + "\n")
+    print(table("target and method", COLUMNS, grouped(runs, lambda run: run["name"])))
+
+
+if __name__ == "__main__":
+    main()
