@@ -77,6 +77,16 @@ _RANDOM: list[Column] = [
     ("area lost", figure("area_lost", ".1%", less_is_better=True)),
 ]
 
+_PAPER: list[Column] = [
+    ("seeds", seeds),
+    ("frames", figure("frames", ",.0f", less_is_better=True)),
+    ("jump-start", figure("jump_start", ".2f", less_is_better=False)),
+    ("area", figure("area_under_curve", ".2f", less_is_better=False)),
+    ("last 100", figure("final_success", ".1%", less_is_better=False)),
+    ("led by the target at the end", figure("led_by_target", ".0%", less_is_better=False)),
+    ("success", figure("unseen_layouts/success", ".1%", less_is_better=False)),
+]
+
 _MAZE: list[Column] = [
     ("seeds", seeds),
     ("steps of training", figure("frames", ",.0f", less_is_better=True)),
@@ -95,12 +105,16 @@ def tables(results: Run) -> str:
     """Markdown: the sources, what was learned of the targets, that with random sources, how to read it."""
     runs = results["runs"].values()
     sources = [run for run in runs if run["kind"] == "source"]
-    transfers = [run for run in runs if run["kind"] == "transfer" and "area_lost" not in run]
+    papers = [run for run in runs if run["guidance"] == "paper"]
+    transfers = [
+        run for run in runs if run["kind"] == "transfer" and "area_lost" not in run and run not in papers
+    ]
     randoms = [run for run in runs if "area_lost" in run]
     parts = [
         table("source", _SOURCE, grouped(sources, lambda run: run["task"])),
         table("target and method", _TRANSFER, grouped(transfers, _what)),
         table("with random sources added", _RANDOM, grouped(randoms, _what)),
+        table("`guidance: paper`", _PAPER, grouped(papers, _reading_of_paper)),
         _reading(list(runs)),
     ]
     return "\n\n".join(part for part in parts if part)
@@ -141,6 +155,11 @@ def _what(run: Run) -> str:
     return f"{run['task']}, {of}"
 
 
+def _reading_of_paper(run: Run) -> str:
+    scenario, _, reading = run["scenario"].partition(", ")
+    return f"scenario {scenario}, " + {"paper": "as it is", "letter": "by the letter"}[reading]
+
+
 def grouped(runs: Iterable[Run], name: Callable[[Run], str]) -> dict[str, list[Run]]:
     """The runs of each name, the names in order."""
     groups: dict[str, list[Run]] = {}
@@ -177,8 +196,10 @@ def _reading(runs: Sequence[Run]) -> str:
         "Median over seeds (the worst seed in brackets). Success and steps: 200 layouts never trained on, "
         "failures at 320 steps; the shortest plans of the same layouts are found by search. Jump-start: mean "
         "score of the first 100 episodes started; first 200: success over the first 200 started. Frames to "
-        "0.9: until 100 episodes that started one after another had ended with that success. Area: mean "
-        f"score over the run. {lost}Seconds: one process of two side by side, one thread each. "
+        "0.9: until 100 episodes that started one after another had ended with that success. Area: mean, over "
+        "the frames of the run, of the score of the latest 100 episodes that had started. Last 100: success "
+        "over the last 100 in the order of their start. Led by the target at the end: share of its decisions "
+        f"in the last tenth of the run or a little more. {lost}Seconds: one process of two side by side, one thread each. "
         f"{'; '.join(_machines(runs))}; {', '.join(_versions(runs))}; "
         f"{' to '.join(dict.fromkeys((days[0], days[-1])))}."
     )
