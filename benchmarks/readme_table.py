@@ -199,8 +199,8 @@ def _reading(runs: Sequence[Run]) -> str:
         "0.9: until 100 episodes that started one after another had ended with that success. Area: mean, "
         "over the frames of the run, of the score of the latest 100 episodes that had started. Last 100: "
         "success over the last 100 in the order of their start. Led by the target at the end: share of its "
-        f"decisions in the last tenth of the run or a little more. {lost}Seconds: one process of two side by side, one "
-        "thread each. "
+        f"decisions in the last tenth of the run or a little more. {lost}Seconds: one process of two side "
+        "by side, one thread each. "
         f"{'; '.join(_machines(runs))}; {', '.join(_versions(runs))}; "
         f"{' to '.join(dict.fromkeys((days[0], days[-1])))}."
     )
