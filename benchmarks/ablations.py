@@ -46,6 +46,7 @@ LETTER: dict[str, dict[str, Any]] = {
     "failure_cost": {"failure_cost": 0.0},
     "values": {"values": "per_guide"},
     "source_softness": {"source_softness": 0.0},
+    "imitation_margin": {"imitation_margin": 0.0},
     "lanes": {"lanes": 64},
 }
 LETTER["letter"] = {name: value for reading in LETTER.values() for name, value in reading.items()}

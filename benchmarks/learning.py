@@ -57,6 +57,7 @@ READINGS: dict[str, Guidance] = {
         failure_cost=0.0,
         values="per_guide",
         source_softness=0.0,
+        imitation_margin=0.0,
         lanes=64,
     ),
 }

@@ -65,6 +65,7 @@ class Guidance(_Closed):
     failure_cost: Share = PaperSettings.failure_cost
     values: Literal["per_guide", "per_subgoal"] = PaperSettings.values
     source_softness: Share = PaperSettings.source_softness
+    imitation_margin: Share = PaperSettings.imitation_margin
     lanes: Annotated[int, Field(ge=1, le=4096)] = PaperSettings.lanes
 
     @model_validator(mode="after")

@@ -87,7 +87,7 @@ def test_heads_that_the_target_lacks_can_be_led_to():
     assert made.similarity[FAR_SCENE, 1] == pytest.approx(0.8)
 
 
-LETTER = PaperSettings(1.0, "clip", 0.0, "per_guide", 0.0)
+LETTER = PaperSettings(1.0, "clip", 0.0, "per_guide", 0.0, 0.0)
 """The equations as printed."""
 
 

@@ -110,7 +110,12 @@ def _paper_way(job: TransferJob, task: Task) -> Mapping[str, Any]:
         return {}
     usual = settings_for(task)
     block = max(1, usual.lanes * usual.block // readings.lanes)
-    return {"lanes": readings.lanes, "block": block, "decisions": {"patience": 1.0}}
+    return {
+        "lanes": readings.lanes,
+        "block": block,
+        "decisions": {"patience": 1.0},
+        "credit": {"imitation_margin": readings.imitation_margin},
+    }
 
 
 def _rules(job: TransferJob, task: Task) -> GuidanceSettings:

@@ -45,6 +45,9 @@ class PaperSettings:
             from what its guides found out, and can pass them.
         source_softness: Share of the uniform distribution that is mixed into the sources' programs. The
             paper's sources aren't crisp; a crisp one can't be passed by a target that still learns.
+        imitation_margin: The target imitates a subgoal that a guide reached unless it knows one that is
+            better by more than this. At a fork of two good ways it would else prefer the one that its
+            guides don't go, whose value is measured too seldom for it ever to lead there.
         lanes: Environments side by side; so many choose before the first return is known. An update is of as
             many steps as usual.
     """
@@ -53,7 +56,8 @@ class PaperSettings:
     normalise: Literal["clip", "none"] = "none"
     failure_cost: float = 0.01
     values: Literal["per_guide", "per_subgoal"] = "per_subgoal"
-    source_softness: float = 0.1
+    source_softness: float = 0.05
+    imitation_margin: float = 0.05
     lanes: int = 8
 
 
