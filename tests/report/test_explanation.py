@@ -47,7 +47,7 @@ def test_new_and_old_runs_are_explained(registry):
 def test_an_unknown_rule_is_told_by_its_name(registry, capsys):
     rows = [row | {"rules": {"of tomorrow": row["chosen"]}} for row in weight_rows()]
     explained(registry, rows, decision() | {"rule": "of tomorrow"})
-    told = capsys.readouterr().out
+    told = " ".join(capsys.readouterr().out.split())
     assert "Why: by the rule of tomorrow." in told
     assert "of these 100 % by the rule of tomorrow" in told
 
