@@ -55,7 +55,7 @@ def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
     episodes, progress = [], []
     for round_ in learning:
         episodes += [Ended(e.order, e.started, e.finished, e.score) for e in round_.episodes]
-        progress.append({"frames": round_.frames, "seconds": 0.0})
+        progress.append({"frames": round_.frames, "seconds": None})
     found = training.evaluate(target, task, EVALUATION_EPISODES, EVALUATION_SEED)
     known = in_order(episodes)
     return {

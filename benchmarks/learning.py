@@ -90,13 +90,13 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
                 scratch.add((scenario.target, seed))
                 yield transfer(scenario, (), "hdm", seed, frames)
     if "random" in options.parts:
-        yield from (_with_random(registry, seed, options.frames) for seed in options.seeds)
+        yield from (_with_random(registry, seed, options.frames, hybrid) for seed in options.seeds)
     for name, read in READINGS.items() if "paper" in options.parts else ():
         for plain in map(scenario_of, PAPER_SCENARIOS):
             scenario = plain.model_copy(update={"name": plain.name + name, "guidance": read})
             for seed in options.seeds:
                 sources = paired_sources(registry, scenario, seed)
-                yield TransferJob(scenario, sources, "paddle", seed, options.frames or PAPER_FRAMES)
+                yield transfer(scenario, sources, "paddle", seed, options.frames or PAPER_FRAMES)
 
 
 def scenario_of(name: str) -> Scenario:
@@ -117,7 +117,7 @@ def paired_sources(registry: Registry, scenario: Scenario, seed: int) -> tuple[s
     return tuple(latest[task] for task in scenario.sources)
 
 
-def _with_random(registry: Registry, seed: int, frames: int | None) -> TransferJob:
+def _with_random(registry: Registry, seed: int, frames: int | None, hybrid: Result) -> TransferJob:
     """Scenario A with new random policies of the other source tasks, no two of one seed, after its own."""
     from paddlectl.experiments.sources import random_source
 
@@ -127,7 +127,9 @@ def _with_random(registry: Registry, seed: int, frames: int | None) -> TransferJ
     seeds = {task: 1000 + seed * len(SOURCES) + SOURCES.index(task) for task in others}
     policies = tuple(random_source(task, seeds[task], registry).id for task in others)
     scenario = plain.model_copy(update={"name": plain.name + RANDOM, "sources": (*plain.sources, *others)})
-    return TransferJob(scenario, sources + policies, "paddle", seed, frames or BUDGETS[plain.target])
+    return TransferJob(
+        scenario, sources + policies, "paddle", seed, frames or BUDGETS[plain.target], hybrid=hybrid
+    )
 
 
 def run(jobs: Sequence[Job], registry: str, workers: int) -> None:

@@ -123,7 +123,7 @@ def test_weights_by_scene_and_policy(transfer, mode):
     for row in rows:
         assert set(row) == {
             "phase", "frames", "scene", "policy", "task", "similarity", "performance", "weight",
-            "decisions", "chosen", "reached", "rules", "dropped",
+            "decisions", "chosen", "reached", "cut", "rules", "dropped",
         }  # fmt: skip
         assert sum(row["rules"].values()) == row["chosen"]
         assert set(row["rules"]) <= set(RULES)
@@ -152,7 +152,7 @@ def test_the_trace_of_an_early_and_a_late_episode(transfer, mode):
         assert [decision["step"] for decision in trace[phase]] == list(range(1, len(trace[phase]) + 1))
         for decision in trace[phase]:
             assert set(decision) >= {
-                "step", "scene", "clause", "guide", "weights", "head", "steps", "reached", "rule",
+                "step", "scene", "clause", "guide", "weights", "head", "steps", "reached", "cut", "rule",
             }  # fmt: skip
             assert decision["rule"] in RULES
             assert decision["guide"] in {weight["policy"] for weight in decision["weights"]}

@@ -1,5 +1,7 @@
 """Decisions and episodes of the scripted corridor, step by step as worked by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -138,7 +140,6 @@ def test_an_episode_that_is_cut_off_ends_its_decision_unreached():
     assert buffer.rewards[:, 0] == pytest.approx([0, 0, 0, 0, -0.1] * 2 + [0, 0])
     assert (buffer.ends & ~buffer.cut)[:, 0].nonzero()[0].tolist() == [4, 9], "the horizon is no failure"
     assert buffer.cut[:, 0].nonzero()[0].tolist() == [HORIZON - 1]
-    assert buffer.final_observations[-1, 0, 0] == 0.0
     assert [bool(outcome.cut[0]) for outcome in teller.told] == [False, False, True]
     assert [bool(outcome.done[0]) for outcome in teller.told] == [False, False, True]
 
@@ -215,3 +216,31 @@ def test_the_last_observations_are_what_comes_after_the_block():
     assert buffer.last_observations[:, 0] == pytest.approx([0.2, 0.2])
     assert buffer.last_observations[:, 2:].argmax(-1).tolist() == [END, END]
     assert len(DOMAIN_HEADS) == buffer.last_observations.shape[1] - 2
+
+
+def test_the_last_state_of_a_decision_is_kept_as_it_was_before_what_came_next():
+    """Three lanes: cut off by the horizon at cell 2; solved at cell 5; and one whose decision just ends."""
+    standing = [RIGHT, RIGHT, *[STAY] * (HORIZON - 2)]
+    buffer, teller = block(HORIZON, 1), Teller([MOON, *[END] * 3, OTHER])
+    rollout(1, teller, ByScript(*standing)).collect(buffer)
+    assert buffer.cut[:, 0].nonzero()[0].tolist() == [HORIZON - 1]
+    # the cell, the layout and the subgoal of the decision that was cut off, not of the next episode
+    assert buffer.final_observations[-1, 0] == pytest.approx([0.2, 0.0, 0, 0, 1, 0])
+    assert buffer.last_observations[0, 0] == 0.0
+    solved, again = block(6, 1), Teller([END, END, OTHER])
+    rollout(1, again, ByScript(RIGHT), settings=replace(SETTINGS, max_steps=9)).collect(solved)
+    assert solved.terminated[:, 0].nonzero()[0].tolist() == [4]
+    assert solved.final_observations[4, 0] == pytest.approx([0.5, 0.0, 0, 0, 1, 0])
+    assert solved.final_observations[2, 0] == pytest.approx([0.3, 0.0, 0, 0, 1, 0]), "the scene changed there"
+    following = solved.following()[:, 0, 0]
+    assert following == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.1])
+
+
+def test_a_subgoal_that_is_reached_as_the_horizon_comes_is_reached():
+    """Cell 2 is come to in the last step of the episode."""
+    buffer, teller = block(HORIZON, 1), Teller([TWO])
+    rollout(1, teller, ByScript(RIGHT, *[STAY] * (HORIZON - 2), RIGHT)).collect(buffer)
+    assert buffer.truncated[-1, 0]
+    assert buffer.reached[-1, 0]
+    assert not buffer.cut.any()
+    assert [bool(o.cut[0]) for o in teller.told] == [False] * len(teller.told)

@@ -77,3 +77,11 @@ def test_damaged_rows_of_weights_are_refused(registry, damage):
 def test_damaged_decisions_are_refused(registry, damage):
     with pytest.raises(IntegrityError, match=r"trace\.json"):
         explained(registry, trace=decision() | damage)
+
+
+def test_what_the_horizon_cut_off_is_neither_reached_nor_missed(registry, capsys):
+    rows = [row | {"cut": row["chosen"] - row["reached"]} for row in weight_rows()]
+    explained(registry, rows, decision() | {"reached": False, "cut": True})
+    told = " ".join(capsys.readouterr().out.split())
+    assert "was reached in 100 %" in told
+    assert "steps, cut off by the horizon" in told

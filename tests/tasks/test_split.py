@@ -1,11 +1,14 @@
 """No training draws a layout that an evaluation draws: by value, on every task."""
 
+import gymnasium
 import numpy as np
 import pytest
 
 from paddlectl.tasks import suite
 from paddlectl.tasks.maze2d.layouts import draw_starts, starts_of
+from paddlectl.tasks.minigrid.grid import ABSENT, WIDTH, Thing
 from paddlectl.tasks.minigrid.layouts import SPECS, Layouts, draw_layouts
+from paddlectl.tasks.registration import environment_id
 from paddlectl.tasks.split import ONE_IN, belongs
 
 
@@ -27,6 +30,31 @@ def test_no_training_draws_an_evaluation_layout(task: str) -> None:
     trained = set().union(*(values(task, "training", seed, 5000) for seed in (0, 7, 12345)))
     assert evaluated.isdisjoint(trained)
     assert len(evaluated) > 400, "enough of them to evaluate on"
+
+
+@pytest.mark.parametrize("split", ["training", "evaluation"])
+@pytest.mark.parametrize("task", suite.names())
+def test_all_that_is_drawn_is_of_the_split_by_an_engine_and_by_gymnasiums_environment(
+    task: str, split: str
+) -> None:
+    environment = suite.load(task).make(40, 3, 1, split)
+    room = "minigrid" if task in SPECS else "maze2d"
+    single = gymnasium.make(f"paddlectl.tasks.{room}.env:{environment_id(task)}", split=split).unwrapped
+    for turn in range(40):
+        environment.reset(np.arange(40) % 3 == turn % 3)
+        single.reset(seed=turn)
+        if task in SPECS:
+            state = environment.state
+            assert Layouts(state.agent, state.facing, state.where).of(split).all()
+            cells = [_cell(single.agent_pos), *(_cell(single._objects[t].cur_pos) for t in list(Thing)[:-1])]
+            assert belongs(np.array([[*cells, ABSENT]]), split).all()
+        else:
+            assert starts_of(environment.masses.position, split).all()
+            assert starts_of(single.position[None], split).all()
+
+
+def _cell(position: tuple[int, int] | None) -> int:
+    return ABSENT if position is None else position[1] * WIDTH + position[0]
 
 
 @pytest.mark.parametrize("task", SPECS)

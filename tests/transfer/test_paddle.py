@@ -205,6 +205,8 @@ def test_a_decision_that_the_horizon_cut_off_costs_nothing_and_counts_as_no_miss
         columns = {name: np.array([value]) for name, value in ended.items()}
         chooser.decided(Outcome(**columns, next_situations=np.array([FAR_SCENE * LEVELS])))
         assert len(chooser.traces) == 1
+        assert chooser.traces[0][0].cut
+        assert (chooser.chosen.sum(), chooser.reached.sum(), chooser.cut.sum()) == (1, 0, 1)
         if mode == "paper":
             assert chooser.weigh().performance[FAR_SCENE * LEVELS, 1] == 0.0
         else:

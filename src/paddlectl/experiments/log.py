@@ -35,10 +35,13 @@ class RunLog:
         self._in_order: InOrder[Episode] = InOrder()
         self._counted = 0
 
-    def add(self, round_: Round, **figures: float) -> None:
-        """Takes in a round and appends it, with further figures, to the run's tables."""
+    def add(self, round_: Round) -> None:
+        """Takes in a round."""
         self.frames = round_.frames
         self.episodes += round_.episodes
+
+    def write(self, round_: Round, **figures: float) -> None:
+        """Appends the round that was just taken in, with further figures, to the run's tables."""
         row = {**self.counts(), **rates(self.known()), **figures}
         self._registry.append_rows(self.run, "episodes", map(_episode_row, round_.episodes))
         self._registry.append_rows(self.run, "progress", [row])

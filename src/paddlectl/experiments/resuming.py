@@ -51,7 +51,7 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
         if run.kind == "train":
             return TrainJob(run.task, run.seed, told["frames"], hybrid, told.get("preset"))
         return TransferJob(
-            scenario=Scenario.model_validate_json(json.dumps(told["scenario"])),
+            scenario=_scenario(told["scenario"]),
             sources=run.sources,
             method=run.method,
             seed=run.seed,
@@ -64,3 +64,14 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
             f"the settings of {run.id} aren't what this version writes: {str(error)[:100]}",
             "go on with the version of paddlectl that the run began with",
         ) from error
+
+
+def _scenario(told: Any) -> Scenario:
+    """The scenario that a run was begun with.
+
+    Raises:
+        ValueError: If it isn't one, or guides by the paper in a way that it doesn't tell (before 0.1.0).
+    """
+    if told["guidance"] == {"mode": "paper"}:
+        raise ValueError("its guidance tells no readings of the paper")
+    return Scenario.model_validate_json(json.dumps(told))

@@ -66,8 +66,9 @@ def train_source(
         learning = training.train(policy, job.seed, frames)
         with pace.rounds(registry, log, {"learning": learning}) as after_round:
             for round_ in learning:
+                log.add(round_)
                 crisp = crispness(policy, log.known()[-RECENT:])
-                log.add(round_, crispness=crisp)
+                log.write(round_, crispness=crisp)
                 report(log.progress(frames, f"crisp {crisp:.2f}"))
                 after_round()
         kept = keep(registry, run, policy, log)

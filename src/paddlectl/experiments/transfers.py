@@ -58,9 +58,10 @@ def run_transfer(
             learning, account = _guided(job, registry, run, target)
         with pace.rounds(registry, log, {"learning": learning, "account": account}) as after_round:
             for round_ in learning:
-                if account is not None:
-                    account.take(round_)
                 log.add(round_)
+                if account is not None:
+                    account.take(round_, len(log.known()))
+                log.write(round_)
                 report(log.progress(job.frames))
                 after_round()
         if account is not None:
@@ -194,18 +195,22 @@ class _RunAccount:
         self._chooser = chooser
         self._account = account
         self._frames = frames
-        self._phase, self._episodes, self._since = "early", 0, 0
+        self._phase, self._since = "early", 0
         self._trace: dict[str, Any] = {}
         self._now = 0
 
-    def take(self, round_: Round) -> None:
-        """Takes in what happened in a round."""
-        self._episodes += len(round_.episodes)
+    def take(self, round_: Round, known: int) -> None:
+        """Takes in what happened in a round.
+
+        Args:
+            round_: The round.
+            known: Episodes that have ended, in the order of their start and up to the first that hasn't.
+        """
         _trace(self._trace, self._phase, round_.episodes, self._chooser.traces, self._account)
         self._chooser.traces.clear()
         self._now = round_.frames
         tenth = self._frames // 10
-        if self._phase == "early" and self._episodes >= WINDOW:
+        if self._phase == "early" and known >= WINDOW:
             self._append()
             self._phase, self._since = "late", round_.frames
             self._chooser.clear()

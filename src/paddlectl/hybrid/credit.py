@@ -117,7 +117,10 @@ class PlannedCredit:
 
 
 class MonteCarloCredit:
-    """Eq. 1 as the paper has it: discounted returns of finished episodes, a few episodes at a time."""
+    """Eq. 1 as the paper has it: discounted returns of finished episodes, a few episodes at a time.
+
+    An episode's return is what it earned within the horizon; without a table there is no value to go on from.
+    """
 
     def __init__(self, clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> None:
         self._clauses = clauses

@@ -133,6 +133,7 @@ class Standing:
     Attributes:
         rules: Rule -> decisions in which the policy led by it; None if the run didn't record it.
         dropped: It wasn't asked here any more at the end of the phase.
+        cut: Decisions that the horizon cut off: neither reached nor missed.
     """
 
     policy: str
@@ -143,6 +144,13 @@ class Standing:
     reached: int
     rules: Mapping[str, int] | None = None
     dropped: bool = False
+    cut: int = 0
+
+    @property
+    def reached_share(self) -> float | None:
+        """Of its decisions that ended within the horizon; None if there was none."""
+        ended = self.chosen - self.cut
+        return self.reached / ended if ended > 0 else None
 
 
 @dataclass(frozen=True)
@@ -197,6 +205,7 @@ def _standing(rows: Sequence[Document]) -> Standing:
         sum(row["reached"] for row in rows),
         _rules(rows),
         last.get("dropped", False),
+        sum(row.get("cut", 0) for row in rows),
     )
 
 
@@ -282,7 +291,7 @@ def _told(scene: SceneMet, phase: str, labels: Labels, subgoals: Subgoals) -> It
         likeliest = "likeliest in its final program" if leader.policy == TARGET else "likeliest"
         goal = subgoals(leader.policy, scene.body)
         which = f" ({likeliest}: {goal})" if goal else ""
-        yield f"Its subgoal{which} was reached in {percent(leader.reached / leader.chosen)}."
+        yield f"Its subgoal{which} was reached in {percent(leader.reached_share)}."
     yield _end(leader, standings[1:], labels)
     dropped = [_name(one.policy, labels) for one in standings if one.dropped]
     if dropped:
@@ -325,7 +334,6 @@ def _standings_table(scene: SceneMet, labels: Labels) -> Table:
         drawn.add_column(title, justify="right")
     for phase in PHASES:
         for place, one in enumerate(scene.standings.get(phase, ())):
-            reached = one.reached / one.chosen if one.chosen else None
             name = labels(one.policy) + (" *" if place == 0 else "")
             share = percent(one.chosen / scene.decisions[phase])
             cells = (
@@ -333,7 +341,7 @@ def _standings_table(scene: SceneMet, labels: Labels) -> Table:
                 figure(one.performance),
                 figure(one.weight),
                 share,
-                percent(reached),
+                percent(one.reached_share),
             )
             drawn.add_row(phase if place == 0 else "", name, *cells, style="bold" if place == 0 else "")
     return drawn
@@ -354,7 +362,8 @@ def _episodes(document: Document, labels: Labels) -> list[RenderableType]:
 
 
 def _decision(decision: Document, labels: Labels) -> list[RenderableType]:
-    end = "reached" if decision["reached"] else "not reached"
+    missed = "cut off by the horizon" if decision.get("cut") else "not reached"
+    end = "reached" if decision["reached"] else missed
     took = f"{decision['steps']} steps, {end}"
     line = f"{decision['step']:>4}  {scene_text(decision['scene'])}"
     who = f"{_name(decision['guide'], labels)} → {clean(decision['head'])}, {took}"

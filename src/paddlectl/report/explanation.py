@@ -18,7 +18,7 @@ _SCENE = {"body": [str], "heads": [str], "self_similarity": float, "matches": li
 _MATCH = {"policy": str, "task": str, "similarity": float, "scenes": [[str]]}
 _WEIGHING = {"policy": str, "similarity": float, "performance": float, "weight": float}
 _WEIGHT = {"phase": str, "scene": [str], "decisions": int, "chosen": int, "reached": int, **_WEIGHING}
-_WEIGHT_MORE = {"rules": {str: int}, "dropped": bool}
+_WEIGHT_MORE = {"rules": {str: int}, "dropped": bool, "cut": int}
 _DECISION = {
     "step": int,
     "scene": [str],
@@ -29,7 +29,7 @@ _DECISION = {
     "steps": int,
     "reached": bool,
 }
-_DECISION_MORE = {"rule": str}
+_DECISION_MORE = {"rule": str, "cut": bool}
 
 
 def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:

@@ -56,6 +56,7 @@ class Account:
                     "rules": {rule: int(n) for rule, n in zip(RULES, chosen, strict=True) if n},
                     "dropped": bool(dropped[shown, best]),
                     "reached": int(self._chooser.reached[led].sum()),
+                    "cut": int(self._chooser.cut[led].sum()),
                 }
 
     def trace(self, episode: Sequence[TracedDecision]) -> list[dict[str, Any]]:
@@ -73,6 +74,7 @@ class Account:
             "head": str(head),
             "steps": decision.steps,
             "reached": decision.reached,
+            "cut": decision.cut,
             "rule": decision.rule,
         }
 

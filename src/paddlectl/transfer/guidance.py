@@ -37,6 +37,7 @@ class PaperSettings:
             spend the whole jump-start on it.
         normalise: "Normalised to [0, 1]" as `clip`, or `none`. To clip hides negative returns, so that a
             source that always fails ties with a target that was never asked, and goes before it for ever.
+            (Eq. 2's bonus still lifts the Φ of a soft one: by more than G takes off where H is above 1 nat.)
         failure_cost: Taken off G for a decision that misses its subgoal. Rewards here are never negative;
             without a cost a useless source is worth as much as an unknown target. The authors' code has
             such costs.

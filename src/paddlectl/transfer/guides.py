@@ -64,7 +64,7 @@ class Candidates(NamedTuple):
         guides: TARGET or the source's number, 1, 2, … [C]
         heads: Head distribution over the domain's heads; the target's row is empty. [C, domain's H]
         similarity: ψ, the target's own included; -inf where the scene is no best match. [S, C]
-        entropy: Of the head distribution, in nats. [C]
+        entropy: Of the head distribution before it is sharpened, in nats. [C]
     """
 
     guides: Ints
@@ -128,6 +128,7 @@ class TracedDecision(NamedTuple):
     Attributes:
         candidate: The one that led.
         weights: Λ of each candidate, this episode's penalties included. [C]
+        cut: The horizon ended it, so whether it would have reached its subgoal isn't known.
         rule: Why it led.
     """
 
@@ -136,6 +137,7 @@ class TracedDecision(NamedTuple):
     head: int
     steps: int
     reached: bool
+    cut: bool
     rule: Rule
     similarity: Table
     performance: Table
@@ -150,8 +152,9 @@ class GuideChooser:
     Attributes:
         candidates: Who may lead where.
         traces: The decisions of each episode that ended since `clear`, in order of ending.
-        decisions, chosen, reached: How often a situation came up, a candidate led there by each of `RULES`,
-            and reached its subgoal, since `clear`. [R], [R, C, rules], [R, C]
+        decisions, chosen, reached, cut: How often a situation came up, a candidate led there by each of
+            `RULES`, reached its subgoal, and was cut off by the horizon, since `clear`. [R], [R, C, rules],
+            [R, C], [R, C]
     """
 
     def __init__(
@@ -174,6 +177,7 @@ class GuideChooser:
         self.decisions = np.zeros(self.shape[0], np.intp)
         self.chosen = np.zeros((*self.shape, len(RULES)), np.intp)
         self.reached = np.zeros(self.shape, np.intp)
+        self.cut = np.zeros(self.shape, np.intp)
 
     def refresh(self) -> None:
         """Reads the target's clause weights anew, after an update."""
@@ -209,6 +213,7 @@ class GuideChooser:
                 int(head),
                 0,
                 False,
+                False,
                 rule,
                 weighing.similarity[situation],
                 weighing.performance[situation],
@@ -231,12 +236,13 @@ class GuideChooser:
         ):
             present = self._present[lane]
             assert present is not None
-            decision = present._replace(steps=int(steps), reached=bool(reached))
+            decision = present._replace(steps=int(steps), reached=bool(reached), cut=bool(cut))
             self._episode[lane].append(decision)
             self.decisions[decision.situation] += 1
             self.chosen[decision.situation, decision.candidate, RULES.index(decision.rule)] += 1
             self.reached[decision.situation, decision.candidate] += reached
-            self._learn(lane, decision, float(reward), None if terminated else int(following), bool(cut))
+            self.cut[decision.situation, decision.candidate] += cut
+            self._learn(lane, decision, float(reward), None if terminated else int(following))
             if done:
                 self._end(lane)
                 self.traces.append(self._episode[lane])
@@ -279,9 +285,7 @@ class GuideChooser:
     def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         return np.zeros(len(lanes), np.bool_)
 
-    def _learn(
-        self, lane: int, decision: TracedDecision, reward: float, following: int | None, cut: bool
-    ) -> None:
+    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         """Takes in a decision that ended.
 
         Args:
@@ -289,7 +293,6 @@ class GuideChooser:
             decision: What was decided.
             reward: Extrinsic, within it.
             following: The situation that it led to; None if the task was solved.
-            cut: The horizon ended it.
         """
         raise NotImplementedError
 
@@ -339,10 +342,8 @@ class PaperGuides(GuideChooser):
         worth[:, TARGET] = (self._own * values[:, self._own_heads]).sum(-1)
         return worth
 
-    def _learn(
-        self, lane: int, decision: TracedDecision, reward: float, following: int | None, cut: bool
-    ) -> None:
-        missed = not decision.reached and not cut
+    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
+        missed = not decision.reached and not decision.cut
         self._rewards[lane].append(reward - self.readings.failure_cost * missed)
 
     def _end(self, lane: int) -> None:
@@ -449,16 +450,14 @@ class PlannedGuides(GuideChooser):
         self._heard[lanes] |= heard
         return heard
 
-    def _learn(
-        self, lane: int, decision: TracedDecision, reward: float, following: int | None, cut: bool
-    ) -> None:
+    def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         guide = self.candidates.guides[decision.candidate]
         self._repeats[lane, decision.situation, guide, decision.head] += 1
-        self._tried[decision.situation, decision.candidate] += not cut
+        self._tried[decision.situation, decision.candidate] += not decision.cut
         self._hits[decision.situation, decision.candidate] += decision.reached
         discount = float(self._clauses.discounts(np.array(decision.steps)))
         self._plan.record(decision.situation, decision.candidate, reward, following, discount)
-        if guide == TARGET and not cut:
+        if guide == TARGET and not decision.cut:
             self._practice.decided(decision.situation // LEVELS, decision.head, decision.reached)
 
     def _end(self, lane: int) -> None:
