@@ -16,19 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from learning import BARS, BUDGETS, HERE, SEEDS, Ended, _reached, commit, machine, paired_sources, scenario_of
-from readme_table import Column, figure, grouped, seeds, table
+from readme_table import inheritance_table
 
 from paddlectl.registry.store import Registry
 
 Result = dict[str, Any]
-COLUMNS: list[Column] = [
-    ("seeds", seeds),
-    ("frames", figure("frames", ",.0f", less_is_better=True)),
-    ("jump-start", figure("jump_start", ".2f", less_is_better=False)),
-    ("frames to 0.9", figure("to_success/0.9/frames", ",.0f", less_is_better=True)),
-    ("success", figure("success", ".1%", less_is_better=False)),
-    ("area", figure("area_under_curve", ".2f", less_is_better=False)),
-]
 
 
 def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
@@ -88,7 +80,7 @@ def main() -> None:
         runs = pool.map(partial(learned, options.registry, options.frames), jobs, chunksize=1)
     results = {"runs": runs, "written": datetime.now(UTC).isoformat(timespec="seconds")}
     options.output.write_text(json.dumps(results, indent=1) + "\n")
-    print(table("target and method", COLUMNS, grouped(runs, lambda run: run["name"])))
+    print(inheritance_table(runs))
 
 
 if __name__ == "__main__":

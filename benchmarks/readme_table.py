@@ -1,4 +1,4 @@
-"""The tables of learning.json and maze.json, put between the marks `results` and `maze` of README.md.
+"""The tables of the result files, put between the marks `results`, `inheritance` and `maze` of README.md.
 
 python benchmarks/readme_table.py
 """
@@ -87,6 +87,15 @@ _PAPER: list[Column] = [
     ("success", figure("unseen_layouts/success", ".1%", less_is_better=False)),
 ]
 
+INHERITANCE: list[Column] = [
+    ("seeds", seeds),
+    ("frames", figure("frames", ",.0f", less_is_better=True)),
+    ("jump-start", figure("jump_start", ".2f", less_is_better=False)),
+    ("frames to 0.9", figure("to_success/0.9/frames", ",.0f", less_is_better=True)),
+    ("success", figure("success", ".1%", less_is_better=False)),
+    ("area", figure("area_under_curve", ".2f", less_is_better=False)),
+]
+
 _MAZE: list[Column] = [
     ("seeds", seeds),
     ("steps of training", figure("frames", ",.0f", less_is_better=True)),
@@ -118,6 +127,11 @@ def tables(results: Run) -> str:
         _reading(list(runs)),
     ]
     return "\n\n".join(part for part in parts if part)
+
+
+def inheritance_table(runs: Sequence[Run]) -> str:
+    """Markdown: what the target learns alone with an inherited low level."""
+    return table("without guides", INHERITANCE, grouped(runs, lambda run: run["name"]))
 
 
 def maze_tables(results: Run) -> str:
@@ -210,10 +224,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--results", type=Path, default=HERE / "learning.json")
     parser.add_argument("--maze", type=Path, default=HERE / "maze.json")
+    parser.add_argument("--inheritance", type=Path, default=HERE / "inheritance.json")
     parser.add_argument("--readme", type=Path, default=HERE.parent / "README.md")
     options = parser.parse_args()
     text = options.readme.read_text()
     text = _put(text, "results", tables(json.loads(options.results.read_text())))
+    text = _put(text, "inheritance", inheritance_table(json.loads(options.inheritance.read_text())["runs"]))
     text = _put(text, "maze", maze_tables(json.loads(options.maze.read_text())))
     options.readme.write_text(text)
 
