@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from paddlectl.hybrid.rollout import LEVELS
+from paddlectl.hybrid.rollout import LEVELS, Outcome
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.atoms import Predicate
 from paddlectl.tasks.base import Actions, Step, Task, Vocabulary
@@ -139,6 +139,24 @@ class Teller:
 
     def decided(self, outcome):
         self.told.append(outcome)
+
+
+def outcome(situation, head, reward=0.0, following=None, reached=False, lane=0):
+    """One decision of three steps that ended; the task is solved if no scene follows."""
+    columns = {
+        "lanes": lane,
+        "situations": situation,
+        "heads": head,
+        "guides": 0,
+        "steps": 3,
+        "rewards": np.float32(reward),
+        "reached": reached,
+        "cut": False,
+        "terminated": following is None,
+        "truncated": False,
+        "next_situations": 0 if following is None else following * LEVELS,
+    }
+    return Outcome(**{name: np.array([value]) for name, value in columns.items()})
 
 
 def block(steps: int, lanes: int) -> RolloutBuffer:

@@ -19,7 +19,7 @@ from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.account import Account
 from paddlectl.transfer.guidance import GuidanceSettings, PaperSettings
 from paddlectl.transfer.similarity import map_scenes
-from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, STAY, TASK, TWO, ByScript, Corridor
+from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, STAY, TASK, TWO, ByScript, Corridor, outcome
 
 NEVER = -np.inf
 SMALL = HybridSettings(lanes=4, block=16, low_level=PPOSettings(epochs=1))
@@ -110,21 +110,7 @@ def decide(chooser, scene, lane=0):
 
 def tell(chooser, scene, head, reward, following=None, reached=False, lane=0):
     """What came of the lane's decision; the episode is over if nothing follows."""
-    chooser.decided(
-        Outcome(
-            lanes=np.array([lane]),
-            situations=np.array([scene * LEVELS]),
-            heads=np.array([head]),
-            guides=np.array([0]),
-            steps=np.array([3]),
-            rewards=np.array([reward], np.float32),
-            reached=np.array([reached]),
-            cut=np.array([False]),
-            terminated=np.array([following is None]),
-            truncated=np.array([False]),
-            next_situations=np.array([0 if following is None else following * LEVELS]),
-        )
-    )
+    chooser.decided(outcome(scene * LEVELS, head, reward, following, reached, lane))
 
 
 def play(chooser, steps, lane=0):

@@ -7,14 +7,14 @@ import pytest
 import torch
 
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
-from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.hybrid.rollout import LEVELS
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.transfer import guides
 from paddlectl.transfer.guidance import RULES, GuidanceSettings, PaperSettings
 from paddlectl.transfer.similarity import map_scenes
-from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, RIGHT, TASK, TWO, ByScript
+from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, RIGHT, TASK, TWO, ByScript, outcome
 
 WALK = "1.0 :: gt_end() :- far()"
 MATCHED = "0.8 :: gt_end() :- far()\n0.2 :: gt_two() :- far()"  # ψ 14/15 in the far scene; WALK's is 13/15
@@ -58,21 +58,7 @@ def decide(chooser, scene=FAR_SCENE):
 def tell(chooser, reward=0.0, following=None, reached=False):
     """What came of that decision; the episode is over if nothing follows."""
     present = chooser._present[0]
-    chooser.decided(
-        Outcome(
-            lanes=np.array([0]),
-            situations=np.array([present.situation]),
-            heads=np.array([present.head]),
-            guides=np.array([0]),
-            steps=np.array([3]),
-            rewards=np.array([reward], np.float32),
-            reached=np.array([reached]),
-            cut=np.array([False]),
-            terminated=np.array([following is None]),
-            truncated=np.array([False]),
-            next_situations=np.array([0 if following is None else following * LEVELS]),
-        )
-    )
+    chooser.decided(outcome(present.situation, present.head, reward, following, reached))
 
 
 def play(chooser, count, worth=(0.0, 0.0, 0.0)):
