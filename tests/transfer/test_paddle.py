@@ -17,6 +17,7 @@ from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.account import Account
+from paddlectl.transfer.candidates import Source, candidates_of, most_similar
 from paddlectl.transfer.guidance import GuidanceSettings, PaperSettings
 from paddlectl.transfer.similarity import map_scenes
 from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, STAY, TASK, TWO, ByScript, Corridor, outcome
@@ -40,9 +41,7 @@ def target(seed=0, settings=SMALL):
 
 def sources(*programs, actor=None):
     return [
-        guides.Source(
-            f"policy-{number}", f"Task{number}", TASK.heads, parse_program(text), actor or ByScript(RIGHT)
-        )
+        Source(f"policy-{number}", f"Task{number}", TASK.heads, parse_program(text), actor or ByScript(RIGHT))
         for number, text in enumerate(programs, start=1)
     ]
 
@@ -51,7 +50,7 @@ def candidates(policy, given, sharpness=1.0):
     bodies = policy.clauses.bodies
     scenes = [Scene(body, frozenset(TASK.heads)) for body in bodies]
     mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in given})
-    return guides.candidates_of(TASK, bodies, given, mapping, sharpness)
+    return candidates_of(TASK, bodies, given, mapping, sharpness)
 
 
 def test_every_scene_that_is_a_best_match_is_a_candidate():
@@ -206,7 +205,7 @@ def test_a_soft_source_plays_some_of_every_subgoal_of_its_task():
         [Scene(body, frozenset(TASK.heads)) for body in bodies],
         {"policy-1": scenes_of(given[0].program.clauses)},
     )
-    made = guides.candidates_of(TASK, bodies, given, mapping, 3.0, softness=0.3)
+    made = candidates_of(TASK, bodies, given, mapping, 3.0, softness=0.3)
     # three subgoals of the task, the domain's first not among them
     assert made.heads[1] == pytest.approx([0.0, 0.1, 0.8, 0.1])
     assert made.entropy[1] == pytest.approx(-0.8 * math.log(0.8) - 0.2 * math.log(0.1))
@@ -342,8 +341,8 @@ def test_the_most_similar_source_is_that_of_the_largest_similarity_over_all_scen
     scenes = [Scene(body, frozenset(TASK.heads)) for body in policy.clauses.bodies]
     mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in given})
     # 1/15 + 13/15 for WALK, 13/15 + 14/15 for LAMP
-    assert guides.most_similar(given, mapping).policy == "policy-2"
-    assert guides.most_similar(given[::2], mapping).policy == "policy-1"
+    assert most_similar(given, mapping).policy == "policy-2"
+    assert most_similar(given[::2], mapping).policy == "policy-1"
 
 
 def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():

@@ -12,6 +12,7 @@ from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.transfer import guides
+from paddlectl.transfer.candidates import Source, candidates_of
 from paddlectl.transfer.guidance import RULES, GuidanceSettings, PaperSettings
 from paddlectl.transfer.similarity import map_scenes
 from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, RIGHT, TASK, TWO, ByScript, outcome
@@ -37,13 +38,13 @@ def made(kind, programs):
     with torch.no_grad():
         policy.clauses.weights.zero_()
     sources = [
-        guides.Source(f"policy-{number}", "Task", TASK.heads, parse_program(text), ByScript(RIGHT))
+        Source(f"policy-{number}", "Task", TASK.heads, parse_program(text), ByScript(RIGHT))
         for number, text in enumerate(programs, start=1)
     ]
     bodies = policy.clauses.bodies
     scenes = [Scene(body, frozenset(TASK.heads)) for body in bodies]
     mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in sources})
-    candidates = guides.candidates_of(TASK, bodies, sources, mapping, 1.0)
+    candidates = candidates_of(TASK, bodies, sources, mapping, 1.0)
     chooser = kind(policy, candidates, 1, np.random.default_rng(0))
     chooser.refresh()
     return chooser

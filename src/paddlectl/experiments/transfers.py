@@ -26,6 +26,7 @@ from paddlectl.tasks.base import GUIDED, Task
 from paddlectl.tasks.suite import load
 from paddlectl.transfer import guides, paddle
 from paddlectl.transfer.account import Account
+from paddlectl.transfer.candidates import Source, candidates_of, most_similar
 from paddlectl.transfer.documents import mapping_document
 from paddlectl.transfer.guidance import GuidanceSettings
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
@@ -133,9 +134,7 @@ def _guided(
     lanes, sharpness = target.settings.lanes, target.settings.sharpness
     readings = job.scenario.guidance.readings()
     softness = readings.source_softness if readings else 0.0
-    candidates = guides.candidates_of(
-        target.task, target.clauses.bodies, sources, mapping, sharpness, softness
-    )
+    candidates = candidates_of(target.task, target.clauses.bodies, sources, mapping, sharpness, softness)
     rng = np.random.default_rng(job.seed)
     if readings:
         chooser: guides.GuideChooser = guides.PaperGuides(target, candidates, lanes, rng, readings)
@@ -147,20 +146,18 @@ def _guided(
     return learning, _RunAccount(registry, run.id, chooser, Account(chooser, sources), job.frames)
 
 
-def _inherit(
-    target: HybridPolicy, sources: Sequence[guides.Source], mapping: SceneMapping, share: float
-) -> None:
+def _inherit(target: HybridPolicy, sources: Sequence[Source], mapping: SceneMapping, share: float) -> None:
     """The most similar of the sources whose networks have the target's shape hands them on."""
     like = [source for source in sources if _shapes(source.low_level) == _shapes(target.low_level)]
     if share and like:
-        target.low_level.inherit(guides.most_similar(like, mapping).low_level.state(), share)
+        target.low_level.inherit(most_similar(like, mapping).low_level.state(), share)
 
 
 def _shapes(learner: Learner) -> dict[str, tuple[int, ...]]:
     return {name: tuple(tensor.shape) for name, tensor in learner.state().items()}
 
 
-def _source(registry: Registry, policy: str) -> guides.Source:
+def _source(registry: Registry, policy: str) -> Source:
     record = registry.policy(policy)
     revived = revive(registry, record)
     try:
@@ -170,11 +167,11 @@ def _source(registry: Registry, policy: str) -> guides.Source:
             f"the program of {record.id} is damaged: {error.message}",
             f"train it again: paddlectl train {record.task}",
         ) from error
-    return guides.Source(record.id, record.task, revived.task.heads, program, revived.low_level)
+    return Source(record.id, record.task, revived.task.heads, program, revived.low_level)
 
 
 def _mapping(
-    target: HybridPolicy, sources: Sequence[guides.Source], weights: Similarity
+    target: HybridPolicy, sources: Sequence[Source], weights: Similarity
 ) -> tuple[SceneMapping, dict[str, Any]]:
     scenes = [Scene(body, frozenset(target.task.heads)) for body in target.clauses.bodies]
     programs = {source.policy: scenes_of(source.program.clauses) for source in sources}

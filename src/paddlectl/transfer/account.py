@@ -8,9 +8,10 @@ import numpy as np
 from paddlectl.hybrid.rollout import LEVELS
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Clause
+from paddlectl.transfer.candidates import Source
 from paddlectl.transfer.documents import body_document
 from paddlectl.transfer.guidance import RULES
-from paddlectl.transfer.guides import GuideChooser, Source, TracedDecision
+from paddlectl.transfer.guides import GuideChooser, TracedDecision
 
 TARGET_NAME = "target"
 

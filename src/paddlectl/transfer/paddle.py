@@ -7,7 +7,8 @@ import numpy as np
 from paddlectl.hybrid import training
 from paddlectl.hybrid.policy import HybridPolicy
 from paddlectl.hybrid.training import Learning
-from paddlectl.transfer.guides import GuideChooser, Source
+from paddlectl.transfer.candidates import Source
+from paddlectl.transfer.guides import GuideChooser
 
 
 def learn(

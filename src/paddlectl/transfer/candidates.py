@@ -1,0 +1,98 @@
+"""Who may lead where: the sources, and every scene of theirs that Ψ names."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from paddlectl.hybrid.policy import sharpened
+from paddlectl.learners.base import Learner
+from paddlectl.learners.buffers import TARGET
+from paddlectl.logic.atoms import Atom
+from paddlectl.logic.clauses import Body, Program
+from paddlectl.tasks.base import Floats, Ints, Task
+from paddlectl.transfer.performance import Table
+from paddlectl.transfer.similarity import SceneMapping
+
+
+@dataclass(frozen=True)
+class Source:
+    """A frozen policy that may guide.
+
+    Attributes:
+        policy: Its id.
+        task: What it has learned.
+        heads: The subgoals of that task.
+        program: Its program.
+        low_level: Reaches them.
+    """
+
+    policy: str
+    task: str
+    heads: tuple[Atom, ...]
+    program: Program
+    low_level: Learner
+
+
+def most_similar(sources: Sequence[Source], mapping: SceneMapping) -> Source:
+    """The source of largest ψ over all scenes of the target; of several, the first."""
+    matches = [match for row in mapping.rows.values() for match in row]
+    return max(sources, key=lambda source: sum(m.similarity for m in matches if m.policy == source.policy))
+
+
+class Candidates(NamedTuple):
+    """Every (guide, source scene) that Ψ names; candidate 0 is the target itself.
+
+    Attributes:
+        guides: TARGET or the source's number, 1, 2, … [C]
+        heads: Head distribution over the domain's heads; the target's row is empty. [C, domain's H]
+        similarity: ψ, the target's own included; -inf where the scene is no best match. [S, C]
+        entropy: Of the head distribution before it is sharpened, in nats. [C]
+    """
+
+    guides: Ints
+    heads: Floats
+    similarity: Table
+    entropy: Table
+
+
+def candidates_of(
+    task: Task,
+    bodies: Sequence[Body],
+    sources: Sequence[Source],
+    mapping: SceneMapping,
+    sharpness: float,
+    softness: float = 0.0,
+) -> Candidates:
+    """Numbers the matches of Ψ, in the order of the sources.
+
+    Args:
+        task: The target.
+        bodies: Its scenes.
+        sources: Who may guide.
+        mapping: Ψ.
+        sharpness: Power of the sources' head probabilities when they lead.
+        softness: Share of the uniform distribution over a source's heads that is mixed into them.
+    """
+    none = np.zeros(len(task.domain_heads))
+    guides, rows, uniform, columns = [TARGET], [none], [none], []
+    columns.append([mapping.self_similarity(body) for body in bodies])
+    for number, source in enumerate(sources, start=1):
+        matches = [{m.policy: m for m in mapping.rows[body]}.get(source.policy) for body in bodies]
+        for scene in dict.fromkeys(scene.body for match in matches if match for scene in match.scenes):
+            policy = source.program.policy(scene)
+            guides.append(number)
+            uniform.append(np.array([head in source.heads for head in task.domain_heads]) / len(source.heads))
+            rows.append(np.array([policy.get(head, 0.0) for head in task.domain_heads]))
+            columns.append(
+                [m.similarity if m and scene in [s.body for s in m.scenes] else -np.inf for m in matches]
+            )
+    heads = np.array(rows)
+    heads[1:] /= heads[1:].sum(-1, keepdims=True)
+    leading = heads.astype(np.float32)
+    leading[1:] = sharpened(leading[1:], sharpness)
+    for table in (heads, leading):
+        table[1:] = (1.0 - softness) * table[1:] + softness * np.array(uniform)[1:]
+    entropy = -(heads * np.log(np.where(heads > 0, heads, 1.0))).sum(-1)
+    return Candidates(np.array(guides), leading, np.array(columns).T, entropy)
