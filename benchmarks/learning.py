@@ -33,7 +33,7 @@ from readme_table import tables
 
 from paddlectl.errors import NotFoundError, PaddlectlError
 from paddlectl.experiments.curves import in_order
-from paddlectl.experiments.jobs import Job, Progress, TrainJob, TransferJob
+from paddlectl.experiments.jobs import Event, Job, Progress, TrainJob, TransferJob
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Guidance, Scenario, load_scenario
@@ -134,17 +134,16 @@ def _with_random(registry: Registry, seed: int, frames: int | None, hybrid: Resu
 
 def run(jobs: Sequence[Job], registry: str, workers: int) -> None:
     """Does the jobs; tells on stderr how far each one is, a line for every tenth of it."""
-    from paddlectl.experiments.processes import run_jobs
+    from paddlectl.experiments.processes import rows_of, run_jobs
 
     told: dict[int, int] = {}
 
-    def report(index: int, progress: Progress) -> None:
-        tenth = 10 * progress.frames // progress.total
-        if told.get(index) != tenth:
+    def tell(index: int, event: Event) -> None:
+        if isinstance(event, Progress) and told.get(index) != (tenth := 10 * event.frames // event.total):
             told[index] = tenth
-            print(f"{_name(jobs[index])}: {_told(progress)}", file=sys.stderr)
+            print(f"{_name(jobs[index])}: {_told(event)}", file=sys.stderr)
 
-    run_jobs(jobs, registry, report, workers)
+    rows_of(run_jobs(jobs, registry, tell, workers))
 
 
 def _name(job: Job) -> str:

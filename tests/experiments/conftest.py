@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from paddlectl.experiments.jobs import Progress, TrainJob
-from paddlectl.experiments.processes import run_jobs
+from paddlectl.experiments.jobs import Event, TrainJob
+from paddlectl.experiments.processes import rows_of, run_jobs
 from paddlectl.registry.store import Registry
 
 JOBS = (TrainJob("GapBall", 0, 1), TrainJob("BlockedDoor", 0, 1))
@@ -14,13 +14,13 @@ JOBS = (TrainJob("GapBall", 0, 1), TrainJob("BlockedDoor", 0, 1))
 
 class Trained(NamedTuple):
     rows: list[dict[str, Any]]
-    told: list[tuple[int, Progress]]
+    told: list[tuple[int, Event]]
     registry: Registry
 
 
 @pytest.fixture(scope="session")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Trained:
     location = str(tmp_path_factory.mktemp("trained") / "registry")
-    told: list[tuple[int, Progress]] = []
-    rows = run_jobs(JOBS, location, lambda index, progress: told.append((index, progress)), workers=2)
+    told: list[tuple[int, Event]] = []
+    rows = rows_of(run_jobs(JOBS, location, lambda index, event: told.append((index, event)), workers=2))
     return Trained(rows, told, Registry.open(location, create=False))

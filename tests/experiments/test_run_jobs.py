@@ -1,19 +1,29 @@
 """Jobs side by side in processes: their rows, their runs, and what is left when something goes wrong."""
 
+import multiprocessing
+import os
 import pickle
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 import safetensors.torch
 
-from paddlectl.errors import PaddlectlError
-from paddlectl.experiments.jobs import TrainJob, TransferJob
-from paddlectl.experiments.processes import run_jobs
+from paddlectl.errors import IntegrityError, PaddlectlError
+from paddlectl.experiments import processes
+from paddlectl.experiments.jobs import Begun, Failure, Progress, TrainJob, TransferJob
+from paddlectl.experiments.processes import rows_of, run_jobs
 from paddlectl.experiments.sources import evaluate, revive
 from paddlectl.hybrid.policy import HybridSettings
 from paddlectl.logic.syntax import ProgramSyntaxError, parse_program
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.tasks.suite import load
+from samples import ROOT
 
 FRAMES = HybridSettings().lanes * HybridSettings().block  # of one block
 
@@ -43,11 +53,12 @@ def test_runs_are_finished_and_their_policies_kept(trained):
         assert all(p >= 0.1 for p in program.probabilities)
 
 
-def test_progress_is_told_by_job(trained):
-    assert {index for index, _ in trained.told} == {0, 1}
-    for index, progress in trained.told:
-        assert progress.run == trained.rows[index]["run"]
-        assert progress.frames == FRAMES
+def test_what_is_new_is_told_by_job(trained):
+    for index, row in enumerate(trained.rows):
+        begun, progress, outcome = [event for number, event in trained.told if number == index]
+        assert begun == Begun(row["run"])
+        assert (progress.run, progress.frames) == (row["run"], FRAMES)
+        assert outcome == row
 
 
 def test_a_train_run_leaves_its_tables(trained):
@@ -115,26 +126,84 @@ def add_damaged_source(registry, trained):
     )
 
 
-def test_what_goes_wrong_in_one_job_is_told_and_the_others_are_interrupted(tmp_path, trained):
+def test_a_job_that_fails_or_is_lost_stops_no_other(tmp_path, trained):
+    """One fails, one's process is killed, one is stopped by itself; the last one goes on."""
     with Registry.open(tmp_path / "registry") as registry:
         damaged = add_damaged_source(registry, trained)
     scenario = Scenario(name="A", target="BlockedBoxUnlockPickup", sources=("GapBall",))
-    started = []
+    told = []
 
-    def report(index, progress):
-        started.append(index)
+    def tell(index, event):
+        told.append((index, event))
+        if isinstance(event, Begun) and index in (1, 2):
+            (process,) = multiprocessing.active_children()
+            os.kill(process.pid, signal.SIGKILL if index == 1 else signal.SIGTERM)
 
-    jobs = [TrainJob("BlockedDoor", 0, 10**9), TransferJob(scenario, (damaged.id,), "paddle", 0, 64)]
-    with pytest.raises(PaddlectlError) as caught:
-        run_jobs(jobs, str(tmp_path / "registry"), report, workers=2)
-    assert caught.value.exit_code == 5
-    assert damaged.id in caught.value.message
+    transfer = TransferJob(scenario, (damaged.id,), "paddle", 0, 64)
+    jobs = [transfer, *(TrainJob("BlockedDoor", seed, 10**9) for seed in (1, 2)), TrainJob("GapBall", 0, 1)]
+    failed, killed, stopped, row = outcomes = run_jobs(jobs, str(tmp_path / "registry"), tell, workers=1)
+    assert [outcome for _, outcome in told if isinstance(outcome, dict | Failure)] == outcomes
+    assert (row["task"], row["frames"]) == ("GapBall", FRAMES)
+    assert failed.error.exit_code == 5
+    assert damaged.id in failed.error.message
+    for outcome, name in ((killed, "SIGKILL"), (stopped, "SIGTERM")):
+        assert outcome.error.message.startswith(f"{outcome.run} was ended by {name}")
+        assert outcome.error.hint == f"run: paddlectl resume {outcome.run}"
     with Registry.open(tmp_path / "registry", create=False) as registry:
-        told = {run.task: run.status for run in registry.runs()}
-        assert told.pop("BlockedBoxUnlockPickup") == "failed"
-        # the other may not have got as far as to enter its run
-        assert told.pop("BlockedDoor", "interrupted") == "interrupted"
-        assert told == {"GapBall": "finished"}
+        states = [registry.run(outcome.run).status for outcome in (failed, killed, stopped)]
+        assert states == ["failed", "interrupted", "interrupted"]
+        assert registry.run(row["run"]).status == "finished"
+    with pytest.raises(IntegrityError):
+        rows_of(outcomes)
+
+
+def process_ids():
+    """Of the processes that run jobs, whoever started them, by their parent."""
+    found = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if b"spawn_main" in (folder / "cmdline").read_bytes():
+                found[int(folder.name)] = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc").exists(), reason="there is no /proc to find processes in")
+def test_a_process_whose_parent_was_killed_keeps_a_checkpoint_and_is_gone(tmp_path):
+    line = [sys.executable, "-m", "paddlectl", "train", "BlockedDoor", "--frames", "9999999"]
+    parent = subprocess.Popen(
+        [*line, "--registry", str(tmp_path / "registry")],
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
+        stderr=subprocess.DEVNULL,
+    )
+    run = tmp_path / "registry" / "runs" / "run-1"
+    wait_until((run / "progress.jsonl").exists)
+    (worker,) = [child for child, owner in process_ids().items() if owner == parent.pid]
+    parent.kill()
+    parent.wait()
+    wait_until(lambda: worker not in process_ids())
+    assert any((run / "checkpoints").glob("*.json"))
+    with Registry.open(tmp_path / "registry", create=False) as registry:
+        assert registry.run("run-1").status == "interrupted"
+
+
+def wait_until(true):
+    patience = time.monotonic() + 60
+    while not true():
+        assert time.monotonic() < patience
+        time.sleep(0.05)
+
+
+def test_nobody_who_doesnt_listen_holds_a_job_up():
+    """Its pipe full, or its reader gone: progress is dropped, and the job goes on."""
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    line = processes._Line(theirs)
+    tick = Progress("run-1", 1, 2, 0, None, None, "x" * 1000)
+    for _ in range(1000):
+        line.send_if_room(tick)
+    assert ours.recv() == tick
+    ours.close()
+    line.send_if_room(tick)
+    line.send(Begun("run-1"))
 
 
 def kinds(of=PaddlectlError):

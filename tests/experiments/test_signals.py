@@ -64,5 +64,6 @@ def test_a_training_is_stopped_before_it_has_begun(tmp_path):
     wait_for(tmp_path / "registry" / "registry.db")
     time.sleep(0.3)  # its own process is being made
     os.killpg(process.pid, signal.SIGINT)
-    assert process.communicate(timeout=60) == ("", "interrupted\n")
+    told = "1 run × 9,999,999 frames\nnot begun: BlockedDoor seed 0\ninterrupted\n"
+    assert process.communicate(timeout=60) == ("", told)
     assert process.returncode == 130

@@ -8,7 +8,7 @@ from typing import Any
 
 from paddlectl.experiments.jobs import Job, TrainJob
 from paddlectl.experiments.pace import Pace
-from paddlectl.experiments.processes import run_jobs
+from paddlectl.experiments.processes import rows_of, run_jobs
 from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.sources import train_source
 from paddlectl.experiments.transfers import run_transfer
@@ -59,9 +59,9 @@ def repeated_runs(count: int, seed: int, folder: Path) -> dict[str, Any]:
     for _ in range(count - 1):
         assert [ended(registry, _done(job, registry)) for job in _jobs(seed)] == first
     for _ in range(count):
-        rows = run_jobs(_jobs(seed), str(place), lambda *_: None, workers=2)
+        rows = rows_of(run_jobs(_jobs(seed), str(place), lambda *_: None, workers=2))
         assert [ended(registry, row["run"]) for row in rows] == first
-    rows = run_jobs(_jobs(seed + 1), str(place), lambda *_: None, workers=2)
+    rows = rows_of(run_jobs(_jobs(seed + 1), str(place), lambda *_: None, workers=2))
     for row, found in zip(rows, first, strict=True):
         assert registry.policy(row["policy"]).checkpoint != found["policy"]["checkpoint"]
     return {"serial": count, "sweeps": count, "kinds": len(first), "different": 0}

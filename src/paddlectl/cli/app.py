@@ -12,10 +12,11 @@ from collections.abc import Collection, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import NoReturn, TextIO, cast
 
 import typer
 
+from paddlectl.cli.quiet import Courtesy
 from paddlectl.errors import PaddlectlError
 
 INTERRUPTED = 130
@@ -93,7 +94,8 @@ def _mend_streams() -> None:
             del os.environ[size]
     sys.stdin = sys.stdin or nowhere.open()
     sys.stdout = sys.stdout or nowhere.open("w")
-    sys.stderr = sys.stderr or nowhere.open("w")
+    if not isinstance(sys.stderr, Courtesy):
+        sys.stderr = cast("TextIO", Courtesy(sys.stderr or nowhere.open("w")))
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
 
@@ -114,6 +116,8 @@ def _run(arguments: Sequence[str]) -> int:
         result = make_app(_needed(arguments))(args=arguments, prog_name="paddlectl", standalone_mode=False)
     except PaddlectlError as error:
         return _told(error.message, error.hint, error.exit_code)
+    except ExceptionGroup as group:
+        return _told_each(group)
     except typer.TyperException as error:
         return _told(*_usage(error), error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
@@ -137,6 +141,13 @@ def _told(message: str, hint: str, code: int) -> int:
     if hint:
         print(one_line(without_secrets(hint)), file=sys.stderr)
     return code
+
+
+def _told_each(group: ExceptionGroup[Exception]) -> int:
+    """Of a batch that went on after something in it had failed."""
+    for error in group.exceptions:
+        _told(error.message, error.hint, 1) if isinstance(error, PaddlectlError) else _unexpected(error)
+    return 1
 
 
 def _usage(error: typer.TyperException) -> tuple[str, str]:

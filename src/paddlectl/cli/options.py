@@ -59,6 +59,12 @@ CheckpointEvery = Annotated[
         show_default=False,
     ),
 ]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs", min=1, metavar="N", help="Runs at a time; as many as CPUs without.", show_default=False
+    ),
+]
 PolicyName = Annotated[
     str,
     typer.Argument(

@@ -5,12 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from paddlectl.cli.options import AsJson, CheckpointEvery, RegistryPlace, complete_stopped
-from paddlectl.errors import UsageError
+from paddlectl.cli.options import AsJson, CheckpointEvery, Jobs, RegistryPlace, complete_stopped
+from paddlectl.errors import PaddlectlError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from paddlectl.cli.running import Asked
+    from paddlectl.experiments.jobs import Failure
     from paddlectl.registry.records import RunRecord
     from paddlectl.registry.store import Registry
 
@@ -28,6 +30,7 @@ def resume(
         ),
     ] = None,
     every_stopped: Annotated[bool, typer.Option("--all", help="All that were stopped.")] = False,
+    jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
@@ -38,37 +41,56 @@ def resume(
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import RESUMED, table
 
-    with Registry.open(registry, create=False) as opened:
-        stopped = stopped_runs(opened, runs or [], every_stopped)
     with stdout_kept():
-        from paddlectl.cli.running import run
-        from paddlectl.experiments.jobs import ResumeJob
-        from paddlectl.experiments.pace import require_resumable
+        from paddlectl.cli.running import Ended, run
 
-        for record in stopped:
-            require_resumable(record)
-            warn_of_versions(record)
-        names = [f"{record.id} {record.method} {record.task}" for record in stopped]
-        rows = run([ResumeJob(record.id) for record in stopped], names, registry, checkpoint_every)
+        with Registry.open(registry, create=False) as opened:
+            asked, refused = resumable(opened, runs or [], every_stopped)
+        done = run(asked, registry, checkpoint_every, jobs) if asked else Ended([], {})
+    ended = Ended(done.rows, {**refused, **done.failed})
     if as_json:
-        print_json({"runs": rows})
-    else:
-        print_text([table(RESUMED, rows, "Resumed")] if rows else ["no run was stopped"])
+        print_json({"runs": ended.rows, "failed": ended.documents()})
+    elif ended.rows or not ended.failed:
+        print_text([table(RESUMED, ended.rows, "Resumed")] if ended.rows else ["no run was stopped"])
+    ended.require_all()
 
 
-def stopped_runs(registry: "Registry", names: "Sequence[str]", every: bool) -> "list[RunRecord]":
-    """The runs named, or all that were stopped and nobody goes on with.
+def resumable(
+    registry: "Registry", names: "Sequence[str]", every: bool
+) -> "tuple[list[Asked], dict[str, Failure]]":
+    """The runs to go on with, and why others of those asked for can't go on.
 
     Raises:
         UsageError: If neither or both is asked for.
-        NotFoundError: If there is no such run.
+        PaddlectlError: What is wrong with the run, if only one is asked for.
     """
-    from paddlectl.registry.layout import is_held
+    from paddlectl.cli.running import Asked
+    from paddlectl.experiments.jobs import Failure, ResumeJob
+    from paddlectl.experiments.pace import require_resumable
 
     if every == bool(names):
         raise UsageError("which run?", "name it, as in: paddlectl resume run-7, or say --all")
-    if names:
-        return [registry.run(name) for name in dict.fromkeys(names)]
+    asked, refused = [], {}
+    names = list(dict.fromkeys(names)) or [run.id for run in stopped_runs(registry)]
+    for name in names:
+        try:
+            run = registry.run(name)
+            require_resumable(run)
+        except PaddlectlError as error:
+            if len(names) == 1:
+                raise
+            refused[name] = Failure(name, error)
+            continue
+        warn_of_versions(run)
+        label, left = f"{run.id} {run.method} {run.task}", run.settings["frames"] - run.frames
+        asked.append(Asked(ResumeJob(run.id), label, run.kind, run.method, run.task, max(left, 0)))
+    return asked, refused
+
+
+def stopped_runs(registry: "Registry") -> "list[RunRecord]":
+    """All runs that were stopped and that nobody goes on with, the oldest first."""
+    from paddlectl.registry.layout import is_held
+
     ended = ("finished", "failed")
     stopped = [run for run in reversed(registry.runs()) if run.status not in ended and run.method != "random"]
     return [run for run in stopped if not is_held(registry.folder / "runs" / run.id)]

@@ -1,12 +1,13 @@
 """`paddlectl train`."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from paddlectl.cli.options import (
     AsJson,
     CheckpointEvery,
+    Jobs,
     ManySeeds,
     OneSeed,
     RegistryPlace,
@@ -18,6 +19,7 @@ from paddlectl.errors import NotFoundError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from paddlectl.cli.running import Ended
     from paddlectl.experiments.jobs import TrainJob
 
 EXAMPLE = "Example: paddlectl train BlockedDoor GapBall --seed 0"
@@ -47,6 +49,7 @@ def train(
             show_default=False,
         ),
     ] = None,
+    jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
@@ -55,12 +58,14 @@ def train(
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRAINED, table
 
-    jobs = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset)
-    rows = run_training(jobs, registry, checkpoint_every)
+    asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset)
+    ended = run_training(asked, registry, checkpoint_every, jobs)
     if as_json:
-        print_json({"runs": rows})
-    else:
-        print_text([table(TRAINED, rows, "Trained"), f"next: paddlectl show {rows[0]['policy']}"])
+        print_json({"runs": ended.rows, "failed": ended.documents()})
+    elif ended.rows:
+        next_one = f"next: paddlectl show {ended.rows[0]['policy']}"
+        print_text([table(TRAINED, ended.rows, "Trained"), next_one])
+    ended.require_all()
 
 
 def train_jobs(
@@ -86,14 +91,22 @@ def train_jobs(
 
 
 def run_training(
-    jobs: "Sequence[TrainJob]", registry: str, checkpoint_every: float | None = None
-) -> list[dict[str, Any]]:
-    """Runs the jobs with their progress on stderr and gives their rows."""
+    jobs: "Sequence[TrainJob]",
+    registry: str,
+    checkpoint_every: float | None = None,
+    at_a_time: int | None = None,
+) -> "Ended":
+    """Runs the jobs with their progress on stderr."""
     from paddlectl.cli.quiet import stdout_kept
-    from paddlectl.cli.running import run
+    from paddlectl.cli.running import Asked, run
     from paddlectl.registry.store import Registry
+    from paddlectl.tasks.suite import load
 
     Registry.open(registry).close()  # a place that can't be used is told before anything is trained
 
     with stdout_kept():
-        return run(jobs, [f"{job.task} seed {job.seed}" for job in jobs], registry, checkpoint_every)
+        asked = []
+        for job in jobs:
+            frames = job.frames or load(job.task).frames(job.preset)
+            asked.append(Asked(job, f"{job.task} seed {job.seed}", "train", "hdm", job.task, frames))
+        return run(asked, registry, checkpoint_every, at_a_time)

@@ -8,6 +8,7 @@ import typer
 from paddlectl.cli.options import (
     AsJson,
     CheckpointEvery,
+    Jobs,
     ManySeeds,
     OneSeed,
     RegistryPlace,
@@ -51,6 +52,7 @@ def transfer(
     train_missing: Annotated[
         bool, typer.Option("--train-missing", help="Train the sources that the registry lacks.")
     ] = False,
+    jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
@@ -67,18 +69,30 @@ def transfer(
     method = known_method(method or scenario.method)
     alone = method == "hdm"  # learns from scratch, so it needs no source and no registry
     opened = Registry.open(registry, create=train_missing or alone)
-    sources = () if alone else source_policies(opened, scenario, registry, train_missing)
+    sources = () if alone else source_policies(opened, scenario, registry, train_missing, jobs)
     with stdout_kept():
-        from paddlectl.cli.running import run
+        from paddlectl.cli.running import Asked, run
 
-        jobs = transfer_jobs(scenario, sources, method, chosen, frames or scenario.frames)
-        names = [f"{scenario.name} {method} seed {job.seed}" for job in jobs]
-        rows = run(jobs, names, registry, checkpoint_every)
+        asked = [
+            Asked(
+                job,
+                f"{scenario.name} {method} seed {job.seed}",
+                "transfer",
+                method,
+                scenario.target,
+                job.frames,
+            )
+            for job in transfer_jobs(scenario, sources, method, chosen, frames or scenario.frames)
+        ]
+        ended = run(asked, registry, checkpoint_every, jobs)
     if as_json:
-        print_json({"scenario": scenario.name, "target": scenario.target, "runs": rows})
-    else:
+        told = {"scenario": scenario.name, "target": scenario.target}
+        print_json({**told, "runs": ended.rows, "failed": ended.documents()})
+    elif ended.rows:
         title = f"Scenario {scenario.name}: {scenario.target}"
-        print_text([table(TRANSFERRED, rows, title), f"next: paddlectl explain {rows[0]['run']}"])
+        next_one = f"next: paddlectl explain {ended.rows[0]['run']}"
+        print_text([table(TRANSFERRED, ended.rows, title), next_one])
+    ended.require_all()
 
 
 def known_method(method: str) -> str:
@@ -95,7 +109,11 @@ def known_method(method: str) -> str:
 
 
 def source_policies(
-    registry: "Registry", scenario: "Scenario", location: str, train_missing: bool
+    registry: "Registry",
+    scenario: "Scenario",
+    location: str,
+    train_missing: bool,
+    at_a_time: int | None = None,
 ) -> tuple[str, ...]:
     """Ids of the best policies of the scenario's sources; what is missing is trained if that was asked for.
 
@@ -111,7 +129,7 @@ def source_policies(
     if missing:
         from paddlectl.cli.train import run_training, train_jobs
 
-        run_training(train_jobs(missing, (0,)), location)
+        run_training(train_jobs(missing, (0,)), location, at_a_time=at_a_time).require_all()
     return tuple(registry.policy(task).id for task in scenario.sources)
 
 

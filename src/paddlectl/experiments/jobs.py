@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from paddlectl.scenario import Scenario
 from paddlectl.transfer.guidance import GuidanceSettings
@@ -68,3 +68,28 @@ class ResumeJob:
 
 
 Job = TrainJob | TransferJob | ResumeJob
+
+
+class Begun(NamedTuple):
+    """A job's run is in the registry now, and goes on."""
+
+    run: str
+
+
+class Note(NamedTuple):
+    """What else the user should know, in a line."""
+
+    text: str
+
+
+class Failure(NamedTuple):
+    """How a job ended that has no row; `run` is None if it had none yet."""
+
+    run: str | None
+    error: Exception
+
+
+Row = dict[str, Any]
+Outcome = Row | Failure
+Event = Begun | Progress | Note | Outcome
+"""What is told of a job; its outcome comes last."""

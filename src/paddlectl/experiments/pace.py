@@ -29,6 +29,7 @@ class Pace:
         stop: Asked whether to end.
         resumed: The run to go on with; None for a new one.
         tell: Told of checkpoints that had to be left out.
+        begun: Told of the run once it is in the registry.
     """
 
     def __init__(
@@ -37,11 +38,13 @@ class Pace:
         stop: Stop | None = None,
         resumed: str | None = None,
         tell: Callable[[str], None] = lambda _: None,
+        begun: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.every = every
         self.stop = stop or Stop()
         self.resumed = resumed
         self.tell = tell
+        self.begun = begun
 
     def begin(self, registry: Registry, new: Callable[[], RunRecord]) -> RunRecord:
         """The run that goes on, or a new one.
@@ -51,9 +54,12 @@ class Pace:
             RegistryBusyError: If it goes on in another process.
         """
         if self.resumed is None:
-            return new()
-        with registry.hold(self.resumed):
-            return registry.resume_run(self.resumed)
+            run = new()
+        else:
+            with registry.hold(self.resumed):
+                run = registry.resume_run(self.resumed)
+        self.begun(run.id)
+        return run
 
     @contextmanager
     def rounds(self, registry: Registry, log: RunLog, roots: dict[str, Any]) -> Iterator[Callable[[], None]]:

@@ -2,20 +2,32 @@
 
 import multiprocessing
 import os
-import queue
+import select
 import signal
-import sys
+import threading
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from multiprocessing.process import BaseProcess
+from collections import deque
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnContext
 from typing import Any
 
 from paddlectl.errors import PaddlectlError
-from paddlectl.experiments.jobs import Job, Progress, TrainJob, TransferJob
+from paddlectl.experiments.cores import permitted
+from paddlectl.experiments.jobs import (
+    Begun,
+    Event,
+    Failure,
+    Job,
+    Note,
+    Outcome,
+    Row,
+    TrainJob,
+    TransferJob,
+)
 from paddlectl.experiments.stop import Stop
 
-_POLL = 0.2  # seconds between two looks at a silent queue
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE = 10.0  # seconds that a stopped process may take to mark its run
 
@@ -23,57 +35,68 @@ _PATIENCE = 10.0  # seconds that a stopped process may take to mark its run
 def run_jobs(
     jobs: Sequence[Job],
     registry: str,
-    report: Callable[[int, Progress], None],
+    tell: Callable[[int, Event], None],
     workers: int | None = None,
     every: float | None = None,
-) -> list[dict[str, Any]]:
-    """Does all jobs, as many at a time as there are cores.
+) -> list[Outcome]:
+    """Does all jobs, some at a time; one that fails, or whose process is lost, stops no other.
 
     Args:
         jobs: What to do.
         registry: Its place; each process opens it for itself.
-        report: Called with a job's number and its progress.
-        workers: Most processes at a time.
+        tell: Called with a job's number and what is new of it, its outcome at last.
+        workers: Most processes at a time; None for as many as there are CPUs.
         every: Seconds between two checkpoints of a run; None for the usual.
 
     Returns:
-        The jobs' rows, in the order of the jobs.
+        The jobs' rows, or how they failed, in the order of the jobs.
 
     Raises:
-        PaddlectlError: What went wrong in one of them; the others are stopped and marked interrupted.
-        RuntimeError: For a fault that nobody foresaw, with its traceback as a note.
         KeyboardInterrupt: After the running ones were marked interrupted.
     """
+    os.environ["PYTHONSAFEPATH"] = "1"  # no file of the working folder is taken for one of Python's
     context = multiprocessing.get_context("spawn")
-    with _held_back():  # from the process that keeps its semaphores, too
-        events: Any = context.Queue()
-    waiting = list(enumerate(jobs))[::-1]
-    running: dict[int, BaseProcess] = {}
-    rows: dict[int, dict[str, Any]] = {}
+    waiting = deque(enumerate(jobs))
+    running: dict[Any, _Worker] = {}
+    outcomes: dict[int, Outcome] = {}
     try:
         while waiting or running:
-            while waiting and len(running) < (workers or os.cpu_count() or 1):
-                index, job = waiting.pop()
-                process = context.Process(target=_work, args=(index, job, registry, events, every))
+            while waiting and len(running) < (workers or permitted()):
                 with _held_back():
-                    process.start()
-                    running[index] = process
-            for index, event in _events(events, running):
-                if isinstance(event, Progress):
-                    report(index, event)
-                    continue
-                running.pop(index).join()
-                if isinstance(event, Exception):
-                    raise event
-                rows[index] = event
-        return [rows[index] for index in range(len(jobs))]
+                    worker = _Worker(context, *waiting.popleft(), registry, every)
+                    running[worker.events] = worker
+            for events in wait(list(running)):
+                worker = running[events]
+                with _held_back():
+                    event = worker.hear()
+                    if isinstance(event, dict | Failure):
+                        outcomes[worker.index] = event
+                        del running[events]
+                        worker.end()
+                tell(worker.index, event)
+        return [outcomes[index] for index in range(len(jobs))]
     finally:
-        _stop(running.values())
+        with _held_back():
+            _stop(running.values(), tell)
+
+
+def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
+    """The rows of jobs that all went well.
+
+    Raises:
+        Exception: What went wrong in the first one that didn't.
+    """
+    rows = []
+    for outcome in outcomes:
+        if isinstance(outcome, Failure):
+            raise outcome.error
+        rows.append(outcome)
+    return rows
 
 
 @contextmanager
 def _held_back() -> Iterator[None]:
-    """No signal to stop comes through meanwhile, nor to a process that is started in here.
+    """No signal to stop comes through meanwhile, nor ever to a process that is started in here.
 
     A terminal sends ^C, or that it was closed, to all of them at once; were a run's process stopped by it
     and by its parent, the second signal could strike while it marks its run.
@@ -85,55 +108,117 @@ def _held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
 
 
-def _events(events: Any, running: dict[int, BaseProcess]) -> Iterator[tuple[int, Any]]:
-    """What the processes tell; an error for one that ended without a word."""
-    try:
-        yield events.get(timeout=_POLL)
-    except queue.Empty:
-        for index, process in list(running.items()):
-            if not process.is_alive() and events.empty():
-                yield (
-                    index,
-                    PaddlectlError(
-                        f"a run's process ended unexpectedly (exit {process.exitcode})",
-                        "the registry is sound; look at the machine's memory, then run it again",
-                    ),
-                )
+class _Worker:
+    """A job's process, seen by who started it. Each has a pipe of its own: one that dies blocks no other."""
+
+    def __init__(
+        self, context: SpawnContext, index: int, job: Job, registry: str, every: float | None
+    ) -> None:
+        self.index = index
+        self.events, theirs = context.Pipe(duplex=False)
+        self._registry = registry
+        self._run: str | None = None
+        self._process = context.Process(target=_work, args=(job, registry, theirs, every))
+        self._process.start()
+        theirs.close()
+
+    def hear(self) -> Event:
+        """What it says next; a failure if it died without having told its outcome."""
+        try:
+            event = self.events.recv()
+        except (EOFError, OSError):
+            return Failure(self._run, self._lost())
+        if isinstance(event, Begun):
+            self._run = event.run
+        return Failure(self._run, event) if isinstance(event, Exception) else event
+
+    def stop(self) -> None:
+        self._process.terminate()
+
+    def end(self) -> None:
+        """Waits until it is gone, but not for ever."""
+        self._process.join(_PATIENCE)
+        self._process.kill()
+        self._process.join()
+
+    def _lost(self) -> PaddlectlError:
+        self._process.join()
+        ended = _ended_by(self._process.exitcode or 0)
+        if self._run is None:
+            return PaddlectlError(f"the process of a run {ended} before it had begun", "run it again")
+        _mark(self._registry, self._run)
+        return PaddlectlError(f"{self._run} {ended}", f"run: paddlectl resume {self._run}")
 
 
-def _stop(processes: Iterable[BaseProcess]) -> None:
-    left = list(processes)
-    for process in left:
-        process.terminate()
-    for process in left:
-        process.join(_PATIENCE)
-        process.kill()
+def _ended_by(exitcode: int) -> str:
+    if exitcode >= 0:
+        return f"ended unexpectedly, with exit code {exitcode},"
+    why = " (by somebody, or by the system for want of memory)" if -exitcode == signal.SIGKILL else ""
+    return f"was ended by {signal.Signals(-exitcode).name}{why}"
 
 
-def _work(index: int, job: Job, registry: str, events: Any, every: float | None) -> None:
+def _mark(location: str, run: str) -> None:
+    """Marks a run as interrupted whose process couldn't do it, with what its tables tell."""
+    from paddlectl.registry.store import Registry
+
+    with suppress(PaddlectlError), Registry.open(location, create=False) as registry, registry.hold(run):
+        if registry.run(run).status == "running":
+            rows = registry.read_rows(run, "progress")[-1:] or [{"frames": 0, "episodes": 0, "seconds": 0.0}]
+            counts = {name: rows[0][name] for name in ("frames", "episodes", "seconds")}
+            registry.finish_run(run, status="interrupted", results={}, **counts)
+
+
+def _stop(workers: Collection[_Worker], tell: Callable[[int, Event], None]) -> None:
+    """Ends them and tells what they still said: no run is forgotten, nor called lost if it finished."""
+    for worker in workers:
+        worker.stop()
+    for worker in workers:
+        worker.end()
+        while not isinstance(event := worker.hear(), Failure):
+            tell(worker.index, event)
+
+
+# Within a job's process
+
+
+class _Line:
+    """What a job's process says; who should hear it may be slow, stopped or dead."""
+
+    def __init__(self, events: Connection) -> None:
+        self._events = events
+        self._room = select.poll()
+        self._room.register(events.fileno(), select.POLLOUT)
+
+    def send(self, event: Event | Exception) -> None:
+        with suppress(OSError):
+            self._events.send(event)
+
+    def send_if_room(self, event: Event) -> None:
+        """Drops it if nobody hears: no progress is worth waiting for."""
+        if self._room.poll(0):
+            self.send(event)
+
+
+def _work(job: Job, registry: str, events: Connection, every: float | None) -> None:
     stop = Stop()
     signal.signal(signal.SIGTERM, stop)
+    line = _Line(events)
     try:
-        events.put((index, _done(index, job, registry, events, stop, every)))
+        line.send(_done(job, registry, line, stop, every))
     except PaddlectlError as error:
-        events.put((index, error))
+        line.send(error)
     except KeyboardInterrupt:
-        pass
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.raise_signal(signal.SIGTERM)  # its end says what ended it
     except Exception as error:
         told = RuntimeError(f"a run failed: {type(error).__name__}: {error}")
         told.add_note(traceback.format_exc())
-        events.put((index, told))
+        line.send(told)
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
-def _note(text: str) -> None:
-    print(f"note: {text}", file=sys.stderr)
-
-
-def _done(
-    index: int, job: Job, registry: str, events: Any, stop: Stop, every: float | None
-) -> dict[str, Any]:
+def _done(job: Job, registry: str, line: _Line, stop: Stop, every: float | None) -> Row:
     import torch
 
     from paddlectl.experiments.pace import EVERY, Pace
@@ -146,15 +231,26 @@ def _done(
     signal.pthread_sigmask(
         signal.SIG_UNBLOCK, {signal.SIGTERM}
     )  # not before: torch's import can't be stopped
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
-    def report(progress: Progress) -> None:
-        events.put((index, progress))
-
-    pace = Pace(EVERY if every is None else every, stop, tell=_note)
+    pace = Pace(
+        EVERY if every is None else every,
+        stop,
+        tell=lambda text: line.send_if_room(Note(text)),
+        begun=lambda run: line.send(Begun(run)),
+    )
     with Registry.open(registry) as opened:
         match job:
             case TrainJob():
-                return train_source(job, opened, report, pace)
+                return train_source(job, opened, line.send_if_room, pace)
             case TransferJob():
-                return run_transfer(job, opened, report, pace)
-        return resume(job.run, opened, report, pace)
+                return run_transfer(job, opened, line.send_if_room, pace)
+        return resume(job.run, opened, line.send_if_room, pace)
+
+
+def _end_with_parent() -> None:
+    """Asks this process to end, as by SIGTERM, once the one that started it is gone."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os.kill(os.getpid(), signal.SIGTERM)

@@ -16,7 +16,7 @@ from paddlectl.learners.ppo import PPOSettings
 from paddlectl.learners.td3 import TD3Settings
 from paddlectl.logic.clauses import Clause, Program
 from paddlectl.logic.templates import scenes
-from paddlectl.tasks.base import Floats, Ints, Task
+from paddlectl.tasks.base import FRAMES, Floats, Ints, Task
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class HybridSettings:
         sharpness: Power of the head probabilities when a learned program is played.
     """
 
-    frames: int = 130_000
+    frames: int = FRAMES
     lanes: int = 64
     block: int = 32
     repeat: int = 1

@@ -2,6 +2,7 @@
 
 import math
 import re
+import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -181,6 +182,17 @@ class Registry(Entry):
         """All runs, newest first."""
         with self._transaction(self._reading) as connection:
             return run_records(connection.execute(select_runs().order_by(runs.c.id.desc())))
+
+    def seconds_per_frame(self, kind: str, method: str, task: str) -> float | None:
+        """How long the latest finished runs of that sort took, by the median; None if there are none."""
+        alike = [runs.c.kind == kind, runs.c.method == method, runs.c.task == task]
+        done = [runs.c.status == "finished", runs.c.frames > 0]
+        latest = (
+            select(runs.c.seconds, runs.c.frames).where(*alike, *done).order_by(runs.c.id.desc()).limit(9)
+        )
+        with self._transaction(self._reading) as connection:
+            took = [seconds / frames for seconds, frames in connection.execute(latest)]
+        return statistics.median(took) if took else None
 
     # Policies
 

@@ -2,12 +2,13 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
 from paddlectl.report.output import clean
 
@@ -33,21 +34,25 @@ class Tick(Protocol):
     def note(self) -> str: ...
 
 
-Report = Callable[[int, Tick], None]
+class View(Protocol):
+    """Shows how far jobs are, which are known by their number."""
+
+    def tick(self, index: int, tick: Tick) -> None:
+        """A job is so far."""
+
+    def end(self, index: int) -> None:
+        """A job has ended, whichever way."""
+
+    def note(self, text: str) -> None:
+        """A line that isn't of one job's progress."""
 
 
 @contextmanager
-def progress(labels: Sequence[str]) -> Iterator[Report]:
-    """Gives a function `report(index, tick)` for the jobs with these labels."""
-    if sys.stderr.isatty():
-        with _bars(labels) as report:
-            yield report
-    else:
-        yield _lines(labels)
-
-
-@contextmanager
-def _bars(labels: Sequence[str]) -> Iterator[Report]:
+def progress(labels: Sequence[str]) -> Iterator[View]:
+    """Gives a view of the jobs with these labels; what it costs doesn't depend on how many there are."""
+    if not sys.stderr.isatty():
+        yield _Lines(labels)
+        return
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=20),
@@ -56,28 +61,70 @@ def _bars(labels: Sequence[str]) -> Iterator[Report]:
         TimeRemainingColumn(compact=True),
     )
     console = Console(stderr=True, markup=False, emoji=False, highlight=False)
-    with Progress(*columns, console=console, transient=True) as bars:
-        ids: list[TaskID] = [bars.add_task(clean(label), total=None, told="starting") for label in labels]
-
-        def report(index: int, tick: Tick) -> None:
-            bars.update(ids[index], completed=tick.frames, total=tick.total, told=_rates(tick))
-
-        yield report
+    with _Bars(*columns, console=console, transient=True) as bars:
+        yield _OnTerminal(labels, bars)
 
 
-def _lines(labels: Sequence[str]) -> Report:
-    due = [0.0] * len(labels)
-    began = time.monotonic()
+class _Bars(Progress):
+    """A bar for each job that goes on, and below them a line for all others."""
 
-    def report(index: int, tick: Tick) -> None:
+    others = ""
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        yield self.make_tasks_table(self.tasks)
+        if self.others:
+            yield Text(self.others)
+
+
+class _OnTerminal:
+    def __init__(self, labels: Sequence[str], bars: _Bars) -> None:
+        self._labels = labels
+        self._bars = bars
+        self._ids: dict[int, TaskID] = {}
+        self._done = 0
+        self._count()
+
+    def tick(self, index: int, tick: Tick) -> None:
+        if index not in self._ids:
+            self._ids[index] = self._bars.add_task(clean(self._labels[index]), total=None, told="")
+            self._count()
+        self._bars.update(self._ids[index], completed=tick.frames, total=tick.total, told=_rates(tick))
+
+    def end(self, index: int) -> None:
+        if index in self._ids:
+            self._bars.remove_task(self._ids.pop(index))
+        self._done += 1
+        self._count()
+
+    def note(self, text: str) -> None:
+        self._bars.console.print(clean(text))
+
+    def _count(self) -> None:
+        left = len(self._labels) - self._done - len(self._ids)
+        self._bars.others = f"{self._done} done, {left} to come" if left or self._done else ""
+
+
+class _Lines:
+    def __init__(self, labels: Sequence[str]) -> None:
+        self._labels = labels
+        self._first: dict[int, tuple[float, int]] = {}
+        self._due: dict[int, float] = {}
+
+    def tick(self, index: int, tick: Tick) -> None:
         now = time.monotonic()
-        if now < due[index] and tick.frames < tick.total:
+        since, frames = self._first.setdefault(index, (now, tick.frames))
+        if now < self._due.get(index, now) and tick.frames < tick.total:
             return
-        due[index] = now + EVERY
-        left = _left(now - began, tick)
-        print(f"{clean(labels[index])} ({clean(tick.run)}): {_told(tick)}{left}", file=sys.stderr, flush=True)
+        self._due[index] = now + EVERY
+        label = f"{clean(self._labels[index])} ({clean(tick.run)})"
+        self.note(f"{label}: {_told(tick)}{_left(now - since, tick.frames - frames, tick)}")
 
-    return report
+    def end(self, index: int) -> None:
+        self._first.pop(index, None)
+        self._due.pop(index, None)
+
+    def note(self, text: str) -> None:
+        print(clean(text), file=sys.stderr, flush=True)
 
 
 def _told(tick: Tick) -> str:
@@ -91,7 +138,8 @@ def _rates(tick: Tick) -> str:
     return f"{solved}  {clean(tick.note)}".rstrip()
 
 
-def _left(passed: float, tick: Tick) -> str:
-    if tick.frames <= 0 or tick.frames >= tick.total:
+def _left(seconds: float, frames: int, tick: Tick) -> str:
+    """An estimate by the frames of the latest seconds; those before a run was resumed don't count."""
+    if frames <= 0 or tick.frames >= tick.total:
         return ""
-    return f"  about {passed * (tick.total / tick.frames - 1):.0f} s left at most"
+    return f"  about {seconds * (tick.total - tick.frames) / frames:.0f} s left at most"

@@ -131,6 +131,10 @@ class Environment(Protocol):
         """
 
 
+FRAMES = 130_000
+"""The usual budget of learning a source, in environment steps."""
+
+
 class Make(Protocol):
     """Makes a reset environment; equal seeds give equal layouts, all of them of the split."""
 
@@ -168,3 +172,8 @@ class Task:
     settings: Mapping[str, Any] = field(default_factory=dict)
     presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     guidance: Mapping[str, Any] = field(default_factory=dict)
+
+    def frames(self, preset: str | None = None) -> int:
+        """The usual budget of learning it, in environment steps."""
+        changes = self.presets[preset] if preset else {}
+        return int({"frames": FRAMES, **self.settings, **changes}["frames"])
