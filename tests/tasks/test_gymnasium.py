@@ -122,15 +122,15 @@ def test_any_of_our_modules_may_stand_before_a_name(module: str) -> None:
 @TASKS
 def test_a_copy_goes_on_as_the_original_does(task: str, copied: Callable[[Any], Any]) -> None:
     """In the midst of an episode, over the ends of some; and the original as if there were no copy."""
-    one, twin = made(task, max_steps=50), made(task, max_steps=50)
-    actions = drawn(one, 220)
+    one, twin = made(task, max_steps=30), made(task, max_steps=30)
+    actions = drawn(one, 120)
     for env in (one, twin):
         env.reset(seed=3)
-        played(env, actions[:70])
+        played(env, actions[:40])
     other = copied(one)
-    expected = played(twin, actions[70:])
-    assert played(other, actions[70:]) == expected
-    assert played(one, actions[70:]) == expected
+    expected = played(twin, actions[40:])
+    assert played(other, actions[40:]) == expected
+    assert played(one, actions[40:]) == expected
     assert other.unwrapped.spec == one.unwrapped.spec
 
 

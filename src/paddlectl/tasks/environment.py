@@ -17,7 +17,8 @@ class TaskEnv(gymnasium.Env[Any, Any]):
 
     Attributes:
         split: Of which the layouts are.
-        max_steps: Steps after which an episode is truncated, told as `spec.max_episode_steps`.
+        max_steps: Steps after which an episode is truncated, told as `spec.max_episode_steps`. Gymnasium's
+            own `make(..., max_episode_steps=...)` can only shorten it.
     """
 
     split: Split
