@@ -17,7 +17,7 @@ ERRANDS = {"CoffeeMaze": (0, 1, 4), "MailMaze": (2, 3, 4), "CoffeeMailMaze": (0,
 
 def touches_a_wall(env: PaddleMazeEnv) -> bool:
     """More than the one contact with the ground that there always is."""
-    return env._maze.point_env.data.ncon > 1
+    return env._point.data.ncon > 1
 
 
 @pytest.mark.parametrize("task", SPECS)
@@ -35,11 +35,12 @@ def test_both_faces_agree(task):
         walker = Walker(*ERRANDS[task])
         for t in range(HORIZON):
             if t % 25 == 0:
-                push = rng.uniform(-1.5, 1.5, (1, 2)).astype(np.float32)
+                push = rng.uniform(-1.5, 1.5, (1, 2)).clip(-1.0, 1.0).astype(np.float32)
             forces = push if episode % 2 else walker.act(engine)
             step = engine.step(forces)
             reward, score, terminated, truncated = env.advance(forces[0])
             contacts += touches_a_wall(env)
+            assert env.observation() in env.observation_space
             np.testing.assert_allclose(engine.masses.position[0], env.position, rtol=0, atol=1e-9)
             assert (engine.t[0], bool(step.terminated[0]), bool(step.truncated[0])) == (
                 env.t,

@@ -96,11 +96,6 @@ def test_a_place_passed_by_within_an_action_is_reached():
     assert engine.facts[0] == s.Fact.MAIL_HELD
 
 
-def test_a_force_that_isn_t_finite_is_refused():
-    with pytest.raises(ValueError, match="finite"):
-        Engine(SPECS["MailMaze"], 1, 0).step(np.full((1, 2), np.nan, np.float32))
-
-
 @pytest.mark.parametrize("task", SPECS)
 def test_every_head_can_be_reached_and_the_task_be_solved(task):
     """A walk through the task pays each errand once and then the final reward, within the horizon."""

@@ -27,11 +27,6 @@ def test_gymnasium_finds_nothing_wrong(task):
     assert env.action_space == gymnasium.spaces.Discrete(7)
 
 
-def test_the_module_registers_on_its_own():
-    env = gymnasium.make("paddlectl.tasks.minigrid.env:paddle/BoxDoor-v0")
-    assert env.unwrapped.mission == SPECS["BoxDoor"].summary
-
-
 @pytest.mark.parametrize("task", TASKS)
 def test_a_plan_solves_it(task):
     env = gymnasium.make(environment_id(task))

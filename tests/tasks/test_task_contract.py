@@ -1,5 +1,7 @@
 """What every registered task promises to whoever learns it."""
 
+import copy
+import pickle
 from functools import cache
 
 import numpy as np
@@ -236,6 +238,25 @@ def test_equal_seeds_give_equal_trajectories(name):
 
     assert trace(3, 0) == trace(3, 0)
     assert trace(3, 0) != trace(4, 0)
+
+
+@TASKS
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_as_the_original_does(name, copied):
+    rng, one = np.random.default_rng(0), suite.load(name).make(3, 0)
+
+    def seen(env, actions: np.ndarray) -> list[np.ndarray]:
+        step = env.step(actions)
+        env.reset(np.array([True, False, False]))
+        return [*step, env.observe(np.zeros(3, np.intp)), env.valuation(), env.t]
+
+    for _ in range(30):
+        seen(one, one.actions.sample(rng, 3))
+    other = copied(one)
+    for _ in range(60):
+        actions = one.actions.sample(rng, 3)
+        for ours, theirs in zip(seen(one, actions), seen(other, actions), strict=True):
+            np.testing.assert_array_equal(ours, theirs)
 
 
 @MINIGRID

@@ -55,6 +55,35 @@ class Actions:
     def dtype(self) -> type[np.generic]:
         return np.float32 if self.continuous else np.int64
 
+    def checked(self, actions: Any, lanes: tuple[int, ...] = ()) -> NDArray[Any]:
+        """Actions as an array, none of which is changed.
+
+        Args:
+            actions: An action, or one for each lane. [...] or [B, ...]
+            lanes: Empty, or (B,).
+
+        Raises:
+            ValueError: If they have another shape, aren't numbers (whole ones, unless continuous), or one
+                isn't among those that there are to choose from.
+        """
+        try:
+            given = np.asarray(actions)
+        except ValueError:  # rows of unequal length
+            given = np.asarray(actions, dtype=object)
+        low, high = (-1, 1) if self.continuous else (0, self.size - 1)
+        shape = (*lanes, *self.shape)
+        if given.shape != shape or given.dtype.kind not in ("fiu" if self.continuous else "iu"):
+            found = f"{given.dtype} of shape {given.shape}"
+            raise ValueError(f"actions are {self._range} of shape {shape}, not {found}")
+        if not (given.min() >= low and given.max() <= high):  # so that NaN is refused, too
+            wrong = given[~((given >= low) & (given <= high))][0]
+            raise ValueError(f"actions are {self._range}, not {wrong}")
+        return given
+
+    @property
+    def _range(self) -> str:
+        return "numbers in [-1, 1]" if self.continuous else f"whole numbers in 0..{self.size - 1}"
+
     def sample(self, rng: np.random.Generator, lanes: int) -> NDArray[Any]:
         """An action for each lane, uniformly. [B, ...]"""
         if self.continuous:

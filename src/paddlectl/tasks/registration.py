@@ -1,8 +1,13 @@
-"""The tasks' names in Gymnasium, `paddle/BoxDoor-v0`."""
+"""The tasks' names in Gymnasium, `paddle/BoxDoor-v0`; importing this module registers all of them.
 
-from collections.abc import Iterable
+Gymnasium imports it by itself for `gymnasium.make("paddlectl.tasks.registration:paddle/BoxDoor-v0")`. What
+an environment needs is imported when one is made.
+"""
 
 import gymnasium
+
+from paddlectl.tasks.maze2d import layouts as maze2d
+from paddlectl.tasks.minigrid import layouts as minigrid
 
 
 def environment_id(task: str) -> str:
@@ -10,13 +15,11 @@ def environment_id(task: str) -> str:
     return f"paddle/{task}-v0"
 
 
-def register(tasks: Iterable[str], entry_point: str) -> None:
-    """Registers those of the tasks that Gymnasium doesn't know yet.
+ENTRY_POINTS = {
+    **dict.fromkeys(minigrid.SPECS, "paddlectl.tasks.minigrid.env:PaddleEnv"),
+    **dict.fromkeys(maze2d.SPECS, "paddlectl.tasks.maze2d.env:PaddleMazeEnv"),
+}
+"""Of each task, the class of its environment, which is made with the task's name."""
 
-    Args:
-        tasks: Their names.
-        entry_point: `module:class` of their environment, which is made with its task's name.
-    """
-    for task in tasks:
-        if environment_id(task) not in gymnasium.registry:
-            gymnasium.register(id=environment_id(task), entry_point=entry_point, kwargs={"task": task})
+for _task, _entry_point in ENTRY_POINTS.items():
+    gymnasium.register(id=environment_id(_task), entry_point=_entry_point, kwargs={"task": _task})

@@ -1,5 +1,7 @@
 """Which layouts are for training and which for evaluation: by their value, whatever seed draws them."""
 
+from typing import get_args
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,17 @@ from paddlectl.tasks.base import Bools, Ints, Split
 
 ONE_IN = 8
 """One layout in so many is for evaluation."""
+
+
+def checked_split(split: Split) -> Split:
+    """The split itself.
+
+    Raises:
+        ValueError: If there is none of that name.
+    """
+    if split not in get_args(Split):
+        raise ValueError(f"a split is training or evaluation, not {split!r}")
+    return split
 
 
 def belongs(values: Ints, split: Split) -> Bools:
@@ -25,7 +38,7 @@ def belongs(values: Ints, split: Split) -> Bools:
     key = np.zeros(len(values), np.uint64)
     for column in values.astype(np.uint64).T:
         key = _mixed(key + column + np.uint64(0x9E3779B97F4A7C15))
-    chosen: Bools = (key % np.uint64(ONE_IN) == 0) == (split == "evaluation")
+    chosen: Bools = (key % np.uint64(ONE_IN) == 0) == (checked_split(split) == "evaluation")
     return chosen
 
 

@@ -77,15 +77,14 @@ class Engine:
         """Applies one force a lane, each component in [-1, 1], for `repeat` steps. [B, 2]
 
         Raises:
-            ValueError: If a force isn't finite.
+            ValueError: If `actions.checked` refuses them.
         """
-        if not np.isfinite(actions).all():
-            raise ValueError("a force is a finite number")
+        actions = self.actions.checked(actions, (self.lanes,))
         reward, score = np.zeros((2, self.lanes), dtype=np.float32)
         terminated, truncated = np.zeros((2, self.lanes), dtype=np.bool_)
         running = np.flatnonzero(~self._finished)
         self.touched[running] = False
-        self.masses.push(running, np.clip(actions[running], -1.0, 1.0).astype(np.float64))
+        self.masses.push(running, actions[running].astype(np.float64))
         for _ in range(self.repeat):
             if not len(running):
                 break

@@ -71,6 +71,9 @@ class PointMasses:
     """
 
     def __init__(self, lanes: int) -> None:
+        self._make(lanes)
+
+    def _make(self, lanes: int) -> None:
         self._mujoco = mujoco = _mujoco()
         self._model = maze_model()
         self._whole = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -116,6 +119,14 @@ class PointMasses:
             self._mujoco.mj_setState(self._model, data, state, self._whole)
         self.position[:] = snapshot["position"]
         self.velocity[:] = snapshot["velocity"]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy has data of its own, and what reads it off."""
+        return self.snapshot()
+
+    def __setstate__(self, snapshot: dict[str, Any]) -> None:
+        self._make(len(snapshot["position"]))
+        self.restore(snapshot)
 
     def _states(self) -> Points:
         states = np.empty((len(self._data), self._mujoco.mj_stateSize(self._model, self._whole)))

@@ -157,10 +157,9 @@ class Engine:
         """Applies one action a lane, for `repeat` steps. [B]
 
         Raises:
-            ValueError: If an action isn't one of the seven.
+            ValueError: If `actions.checked` refuses them.
         """
-        if actions.min() < 0 or actions.max() >= ACTIONS:
-            raise ValueError("an action lies in 0..6")
+        actions = self.actions.checked(actions, (self.lanes,))
         step = self._step(actions)
         for _ in range(self.repeat - 1):
             step = step.then(self._step(actions))

@@ -1,6 +1,5 @@
 """The MiniGrid tasks as MiniGrid environments, registered with Gymnasium as `paddle/BoxDoor-v0`, ...
 
-Importing this module registers them: `gymnasium.make("paddlectl.tasks.minigrid.env:paddle/BoxDoor-v0")`.
 The rules are written a second time here, on MiniGrid's own objects; only the drawing of layouts is shared
 with the engine.
 """
@@ -9,15 +8,16 @@ from typing import Any
 
 import gymnasium
 from minigrid.core.grid import Grid
-from minigrid.core.mission import MissionSpace
 from minigrid.core.world_object import Ball, Box, Door, Floor, Goal, Key, WorldObj
 from minigrid.minigrid_env import MiniGridEnv
 
 from paddlectl.logic.atoms import Atom
 from paddlectl.tasks.base import Split
+from paddlectl.tasks.environment import TaskEnv
+from paddlectl.tasks.minigrid.engine import Engine
 from paddlectl.tasks.minigrid.grid import ABSENT, HEIGHT, MIDDLE, WIDTH, Action, Facing, Thing
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, draw_layouts
-from paddlectl.tasks.registration import register
+from paddlectl.tasks.minigrid.mission import Mission
 
 
 class Tile(Floor):
@@ -52,7 +52,7 @@ class Chest(Box):
         return False
 
 
-class PaddleEnv(MiniGridEnv):
+class PaddleEnv(TaskEnv, MiniGridEnv):
     """One of the seven tasks.
 
     MiniGrid's objects are typed as Any here: its own hints know neither what is carried nor where a thing is.
@@ -61,17 +61,26 @@ class PaddleEnv(MiniGridEnv):
         task: Its name.
         split: Of which the layouts are.
         milestone_reward: What each milestone pays; 0 gives the sparse variant.
+        max_steps: Steps after which an episode is truncated; the final reward falls over as many.
         **kwargs: MiniGrid's own, `render_mode` and the like.
+
+    Raises:
+        ValueError: If there is no such split, or episodes would have no step.
     """
 
     def __init__(
-        self, task: str, split: Split = "training", milestone_reward: float = 0.1, **kwargs: Any
+        self,
+        task: str,
+        split: Split = "training",
+        milestone_reward: float = 0.1,
+        max_steps: int = HORIZON,
+        **kwargs: Any,
     ) -> None:
-        self.spec_of_task = spec = SPECS[task]
-        self.split: Split = split
+        self.spec_of_task = SPECS[task]
+        self.configure(split, max_steps)
         self.milestone_reward = milestone_reward
-        mission = MissionSpace(mission_func=lambda: spec.summary)
-        super().__init__(mission, width=WIDTH, height=HEIGHT, max_steps=HORIZON, **kwargs)
+        mission: Any = Mission(self.spec_of_task.mission)
+        super().__init__(mission, width=WIDTH, height=HEIGHT, max_steps=self.max_steps, **kwargs)
         self.actions: Any = Action
         self.carrying: Any = None
         self.action_space = gymnasium.spaces.Discrete(len(Action) - 1)
@@ -84,7 +93,6 @@ class PaddleEnv(MiniGridEnv):
         self.grid = Grid(WIDTH, HEIGHT)
         self.grid.wall_rect(0, 0, MIDDLE + 1, HEIGHT)
         self.grid.wall_rect(MIDDLE, 0, MIDDLE + 1, HEIGHT)
-        self.mission = self.spec_of_task.summary
         self.agent_pos = _position(layouts.agent[index])
         self.agent_dir = int(layouts.facing[index])
         self.carrying = None
@@ -114,7 +122,11 @@ class PaddleEnv(MiniGridEnv):
         }
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """One step; `info["score"]` is the final reward alone."""
+        """One step; `info["score"]` is the final reward alone.
+
+        Raises:
+            ValueError: If the action isn't one of the seven.
+        """
         reward, score, terminated, truncated = self.advance(action)
         if self.render_mode == "human":
             self.render()  # type: ignore[no-untyped-call]
@@ -122,8 +134,9 @@ class PaddleEnv(MiniGridEnv):
 
     def advance(self, action: int) -> tuple[float, float, bool, bool]:
         """One step without its observation: reward, score, terminated, truncated."""
+        chosen = Action(int(Engine.actions.checked(action)))
         self.step_count += 1
-        self._act(Action(action))
+        self._act(chosen)
         spec = self.spec_of_task
         new = [i for i, head in enumerate(spec.milestones) if i not in self._earned and self.holds(head)]
         self._earned.update(new)
@@ -180,6 +193,10 @@ class PaddleEnv(MiniGridEnv):
         if isinstance(cell, Chest):
             cell.contains.cur_pos = front
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the window, if there is one; a copy opens its own."""
+        return {**self.__dict__, "window": None, "clock": None}
+
     @property
     def door(self) -> Any:
         return self._objects[Thing.PASSAGE]
@@ -225,6 +242,3 @@ _VECTORS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by facing
 def _position(cell: int) -> tuple[int, int]:
     y, x = divmod(int(cell), WIDTH)
     return x, y
-
-
-register(SPECS, "paddlectl.tasks.minigrid.env:PaddleEnv")

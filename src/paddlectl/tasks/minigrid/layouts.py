@@ -33,6 +33,7 @@ class Spec:
     Attributes:
         name: As typed on the command line.
         summary: One line for a reader.
+        mission: The same in MiniGrid's own words, for wrappers that know no others.
         passage: What fills the way between the rooms.
         near: Things in the room of the agent. The blockage stands before the passage; a box holds the key.
         far: Things in the other room.
@@ -44,6 +45,7 @@ class Spec:
 
     name: str
     summary: str
+    mission: str
     passage: Passage
     near: tuple[Thing, ...]
     far: tuple[Thing, ...]
@@ -68,6 +70,7 @@ SPECS = {
         Spec(
             name="BlockedDoor",
             summary="Clear the yellow ball from the locked door, fetch the key, open the door.",
+            mission="pick up the yellow ball, then get the key and open the door",
             passage=Passage.LOCKED,
             near=(Thing.BLOCKAGE, Thing.KEY),
             far=(),
@@ -79,6 +82,7 @@ SPECS = {
         Spec(
             name="GapBall",
             summary="Take the key out of its box, which opens the gap; fetch the green ball.",
+            mission="get the key from the box, then fetch the green ball",
             passage=Passage.GAP,
             near=(Thing.BOX,),
             far=(Thing.BALL,),
@@ -90,6 +94,7 @@ SPECS = {
         Spec(
             name="DoorBall",
             summary="Fetch the key, open the locked door, put the key down, fetch the green ball.",
+            mission="get the key and open the door, then fetch the green ball",
             passage=Passage.LOCKED,
             near=(Thing.KEY,),
             far=(Thing.BALL,),
@@ -101,6 +106,7 @@ SPECS = {
         Spec(
             name="OpenGoal",
             summary="Open the unlocked door and go to the goal; the key is of no use.",
+            mission="open the door, then go to the goal",
             passage=Passage.CLOSED,
             near=(Thing.KEY,),
             far=(Thing.GOAL,),
@@ -112,6 +118,7 @@ SPECS = {
         Spec(
             name="BoxDoor",
             summary="Take the key out of its box, open the locked door.",
+            mission="get the key from the box, then open the door",
             passage=Passage.LOCKED,
             near=(Thing.BOX,),
             far=(),
@@ -123,6 +130,7 @@ SPECS = {
         Spec(
             name="BlockedBoxUnlockPickup",
             summary="Clear the door, take the key out of its box, open the door, fetch the green ball.",
+            mission="pick up the yellow ball, get the key from the box, then fetch the green ball",
             passage=Passage.LOCKED,
             near=(Thing.BLOCKAGE, Thing.BOX),
             far=(Thing.BALL,),
@@ -134,6 +142,7 @@ SPECS = {
         Spec(
             name="BlockedBoxPlaceGoal",
             summary="The same door; then the yellow ball on the yellow tile, the green ball on the red tile.",
+            mission="put the yellow ball at the yellow square and the green ball at the red square",
             passage=Passage.LOCKED,
             near=(Thing.BLOCKAGE, Thing.BOX, Thing.YELLOW_TILE),
             far=(Thing.BALL, Thing.RED_TILE),

@@ -1,0 +1,46 @@
+"""What the tasks' Gymnasium environments have in common."""
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+
+from paddlectl.tasks import registration  # noqa: F401  # with one environment, all are registered
+from paddlectl.tasks.base import Split
+from paddlectl.tasks.split import checked_split
+
+
+class TaskEnv(gymnasium.Env[Any, Any]):
+    """An environment that ends its episodes by itself, and tells so.
+
+    Attributes:
+        split: Of which the layouts are.
+        max_steps: Steps after which an episode is truncated, told as `spec.max_episode_steps`. Gymnasium's
+            own `make(..., max_episode_steps=...)` can only shorten it.
+    """
+
+    split: Split
+    max_steps: int
+    _spec: EnvSpec | None = None
+
+    def configure(self, split: Split, max_steps: int) -> None:
+        """Sets the attributes.
+
+        Raises:
+            ValueError: If there is no such split, or episodes would have no step.
+        """
+        self.split = checked_split(split)
+        if not isinstance(max_steps, int | np.integer) or max_steps < 1:
+            raise ValueError(f"max_steps is a whole number from 1 on, not {max_steps!r}")
+        self.max_steps = int(max_steps)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make` made it from, which knows nothing of its `max_steps`."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = spec and replace(spec, max_episode_steps=self.max_steps)
