@@ -43,6 +43,8 @@ TRIALS = {
     "killed_runs": Trial("killed_runs", 20, 500),
     "stopped_runs": Trial("killed_runs", 10, 100),
     "stopped_commands": Trial("killed_runs", 10, 100),
+    "orphans": Trial("lost_workers", 10, 100),
+    "lost_workers": Trial("lost_workers", 10, 100),
     "stopped_every": Trial("equal_runs", 15, 250),
     "repeated_runs": Trial("equal_runs", 3, 20),
     "writers_at_once": Trial("crowds", 50, 500),

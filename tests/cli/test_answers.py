@@ -162,7 +162,7 @@ def test_text_fits_a_hundred_columns(registry: Registry, command: Command) -> No
 def test_from_scratch_no_source_is_needed(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[TransferJob] = []
 
-    def run_jobs(jobs: list[TransferJob], *_: object, **__: object) -> list[dict[str, str]]:
+    def run_jobs(jobs: list[TransferJob], *_: object) -> list[dict[str, str]]:
         asked.extend(jobs)
         return [{"run": "run-1"}]
 
