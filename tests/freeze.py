@@ -5,12 +5,15 @@
 - `registry/bundles/BoxDoor-soft-<schema>.zip.gz`: the same by other settings than the usual ones.
 - `registry/released/<schema>`: the first schema's registry as this version has upgraded it.
 
-What is there already is left as it is.
+What is there already is left as it is. `python freeze.py runs` records anew how the small seeded runs end,
+`experiments/seeded_runs.json`: whenever learning itself was changed.
 """
 
 import gzip
+import json
 import shutil
 import sqlite3
+import sys
 import tempfile
 from contextlib import closing
 from functools import partial
@@ -22,6 +25,7 @@ import torch
 
 from paddlectl.experiments import sources
 from paddlectl.experiments.jobs import TrainJob
+from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.sources import keep, train_source
 from paddlectl.hybrid.policy import HybridPolicy
 from paddlectl.learners import ppo
@@ -29,7 +33,9 @@ from paddlectl.registry import bundles
 from paddlectl.registry.schema import REVISIONS
 from paddlectl.registry.store import Registry
 from released import BUNDLES, RELEASED, rebuilt
+from trials.runs import KINDS, add_sources, begin, digest, ended, machine, small
 
+RECORDED = Path(__file__).parent / "experiments" / "seeded_runs.json"
 UNITS = 32
 POLICIES: dict[str, dict[str, Any]] = {
     "BoxDoor": {},
@@ -85,9 +91,22 @@ def freeze_registry(place: Path) -> None:
         (frozen / "registry.sql").write_text("\n".join(connection.iterdump()) + "\n")
 
 
+def record_runs(place: Path) -> None:
+    recorded: dict[str, Any] = {"machine": machine()}
+    with small():
+        registry = Registry.open(place / "registry")
+        add_sources(registry)
+        for kind in KINDS:
+            recorded[kind] = digest(ended(registry, begin(kind, registry, Pace())["run"]))
+    RECORDED.write_text(json.dumps(recorded, indent=2) + "\n")
+
+
 if __name__ == "__main__":
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
+        if sys.argv[1:] == ["runs"]:
+            record_runs(Path(folder))
+            sys.exit()
         freeze_registry(Path(folder))
         for name in POLICIES:
             freeze_policy(name, Path(folder) / name)

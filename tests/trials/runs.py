@@ -1,9 +1,11 @@
 """Small runs of every kind, and all that each leaves behind."""
 
 import dataclasses
+import hashlib
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -98,3 +100,22 @@ def ended(registry: Registry, run: str) -> dict[str, Any]:
         "files": files,
         "policy": {k: policy[k] for k in policy.keys() - TIME - {"id", "run"}},
     }
+
+
+def digest(run: dict[str, Any]) -> dict[str, Any]:
+    """Of what a run left, that which no change of the code may change unless learning itself is changed."""
+    rows = run["files"]["episodes.jsonl"]
+    episodes = json.dumps([[row[name] for name in ("started", "frames", "score")] for row in rows])
+    return {
+        "episodes": [len(rows), hashlib.sha256(episodes.encode()).hexdigest()],
+        "checkpoint": run["policy"]["checkpoint"],
+        "program": hashlib.sha256(run["policy"]["program"].encode()).hexdigest(),
+        "results": run["run"]["results"],
+    }
+
+
+def machine() -> list[str]:
+    """What the last bit of a run depends on besides the code."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    models = {line.partition(":")[2].strip() for line in lines if line.startswith("model name")}
+    return [torch.__version__, torch.backends.cpu.get_cpu_capability(), *sorted(models)]
