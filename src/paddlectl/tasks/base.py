@@ -124,6 +124,7 @@ class Environment(Protocol):
     Attributes:
         lanes: B.
         observation_size: D.
+        flat_size: F.
         actions: What `step` takes of each lane.
         repeat: Steps of the task that one action lasts, unless the episode ends before.
         t: Steps of the task since each lane's start. [B]
@@ -131,6 +132,7 @@ class Environment(Protocol):
 
     lanes: int
     observation_size: int
+    flat_size: int
     actions: Actions
     repeat: int
     t: Ints
@@ -146,6 +148,9 @@ class Environment(Protocol):
 
     def observe(self, heads: Ints) -> Floats:
         """What the low level sees: the state mapped by each lane's subgoal, in a frame of its own. [B, D]"""
+
+    def flat_state(self) -> Floats:
+        """The whole state, in which no subgoal shows; the same numbers for all tasks of a domain. [B, F]"""
 
     def in_world(self, heads: Ints, actions: NDArray[Any]) -> NDArray[Any]:
         """Actions chosen by what `observe` shows, as `step` takes them. [B, ...]"""

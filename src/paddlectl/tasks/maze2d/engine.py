@@ -10,7 +10,7 @@ import numpy as np
 from paddlectl.tasks.base import Actions, Bools, Floats, Ints, Split, Step, Task, Vocabulary
 from paddlectl.tasks.maze2d import symbols
 from paddlectl.tasks.maze2d.layouts import HORIZON, PLACES, RADIUS, SPECS, Points, Spec, draw_starts
-from paddlectl.tasks.maze2d.observe import OBSERVATION_SIZE, observe
+from paddlectl.tasks.maze2d.observe import FLAT_SIZE, OBSERVATION_SIZE, flat_state, observe
 from paddlectl.tasks.maze2d.physics import PointMasses
 from paddlectl.tasks.maze2d.settings import GUIDANCE, PRESETS, SETTINGS
 
@@ -37,6 +37,7 @@ class Engine:
     """
 
     observation_size = OBSERVATION_SIZE
+    flat_size = FLAT_SIZE
     actions = Actions(2, continuous=True)
 
     def __init__(self, spec: Spec, lanes: int, seed: int, repeat: int = 1, split: Split = "training") -> None:
@@ -116,6 +117,10 @@ class Engine:
     def observe(self, heads: Ints) -> Floats:
         """What the low level sees (`tasks.maze2d.observe`). [B, 6]"""
         return observe(self.masses.position, self.masses.velocity, heads)
+
+    def flat_state(self) -> Floats:
+        """The whole state as one vector (`tasks.maze2d.observe`). [B, 9]"""
+        return flat_state(self.masses.position, self.masses.velocity, self.facts, self.t)
 
     def in_world(self, heads: Ints, actions: Floats) -> Floats:
         """The actions themselves: `observe` shows the world as it is. [B, 2]"""

@@ -9,6 +9,7 @@ import numpy as np
 
 from paddlectl.tasks.base import Actions, Bools, Floats, Ints, Split, Step, Task, Vocabulary
 from paddlectl.tasks.minigrid import symbols
+from paddlectl.tasks.minigrid.flat import FLAT_SIZE, flat_state
 from paddlectl.tasks.minigrid.grid import (
     ABSENT,
     ACTIONS,
@@ -88,6 +89,7 @@ class Engine:
     """
 
     observation_size = OBSERVATION_SIZE
+    flat_size = FLAT_SIZE
     actions = Actions(ACTIONS)
 
     def __init__(
@@ -112,10 +114,10 @@ class Engine:
         self._reached = reached.ravel()
         self._available = symbols.available_table(spec.things).ravel()
         self._solved = np.logical_and.reduce([reached[symbols.HEADS.index(head)] for head in spec.success])
-        self._milestones: Ints = np.zeros(symbols.FACTS, dtype=np.intp)
-        for i, head in enumerate(spec.milestones):
-            self._milestones |= reached[symbols.HEADS.index(head)].astype(np.intp) << i
-        count = np.bitwise_count(np.arange(1 << len(spec.milestones)))
+        self._milestones: Ints = np.zeros(symbols.FACTS, dtype=np.intp)  # a bit for each subgoal that pays
+        for number in map(symbols.HEADS.index, spec.milestones):
+            self._milestones |= reached[number].astype(np.intp) << number
+        count = np.bitwise_count(np.arange(1 << len(symbols.HEADS)))
         self._milestone_rewards = (milestone_reward * count).astype(np.float32)
         self._final_rewards = final_rewards()
 
@@ -223,6 +225,11 @@ class Engine:
         """What the low level sees (`tasks.minigrid.observe`). [B, 81]"""
         s = self.state
         return self._observer(s.grid, s.rows, s.agent, s.facing, s.held, s.where, heads)
+
+    def flat_state(self) -> Floats:
+        """The whole state as one vector (`tasks.minigrid.flat`). [B, FLAT_SIZE]"""
+        s = self.state
+        return flat_state(s.grid, s.rows, s.agent, s.facing, s.held, s.where, s.facts, self._earned, self.t)
 
     def in_world(self, heads: Ints, actions: Ints) -> Ints:
         """Actions chosen by what `observe` shows, as `step` takes them. [B]"""

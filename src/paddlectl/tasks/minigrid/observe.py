@@ -100,8 +100,12 @@ def _one_hot_table() -> Floats:
 
 
 _FRAME = _frame_table()
+RELATIVE_IN_WORLD = _relative_table().reshape(CELLS, CELLS + 1, 8)
+"""A target's 8 numbers without a mirror, over agent x target. [120, 121, 8]"""
 _RELATIVE = np.abs(_relative_table())  # in its own frame a target's offsets aren't negative
 _PASSAGE = _passage_table()
+PASSAGE_IN_WORLD = _PASSAGE.reshape(CELLS, HEIGHT, 2, 4, 7)[..., 0, :]
+"""The passage's 7 numbers without a mirror, over agent x its row x open. [120, 8, 2, 7]"""
 _ONE_HOT = _one_hot_table()
 _FACING: Ints = np.array([[0, 1, 2, 3], [2, 1, 0, 3], [0, 3, 2, 1], [2, 3, 0, 1]])  # by frame
 _MOVES: Ints = np.array([[0, 1, 2, 3], [1, 0, 2, 3], [0, 1, 3, 2], [1, 0, 3, 2]])
@@ -123,6 +127,14 @@ def obstacle_rows(grid: Codes) -> Ints:
     inner = (packed[..., 0].astype(np.intp) | packed[..., 1].astype(np.intp) << 8) << REACH
     rows[:, REACH:-REACH] = inner | (~((1 << WIDTH) - 1) << REACH) | ((1 << REACH) - 1)
     return rows
+
+
+def window_in_world(rows: Ints, agent: Ints) -> Floats:
+    """The cells around each agent without a mirror; 1 where it can't walk. [n, 14], [n] -> [n, 49]"""
+    y, x = np.divmod(agent, WIDTH)
+    seen = np.take_along_axis(rows, y[:, None] + np.arange(_SIDE), axis=1) >> x[:, None]
+    window: Floats = _BITS[seen & ((1 << _SIDE) - 1)].reshape(len(agent), _WINDOW)
+    return window
 
 
 def update_rows(rows: Ints, lanes: Ints, cells: Ints, codes: Codes) -> None:
