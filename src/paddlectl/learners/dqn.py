@@ -1,0 +1,167 @@
+"""Deep Q-network (Mnih et al., 2015) with double targets (van Hasselt, Guez & Silver, 2016)."""
+
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.nn import functional
+
+from paddlectl.learners.networks import gradient_step, load_named, mlp
+
+Floats = NDArray[np.float32]
+Ints = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class DQNSettings:
+    """The numbers of a DQN.
+
+    Attributes:
+        learning_rate: Of Adam.
+        discount: γ per step.
+        batch: Transitions a gradient step.
+        capacity: Transitions that are kept.
+        warm_up: Transitions before the first update.
+        update_every: Transitions between two updates.
+        refresh_every: Updates between two copies of the network to the slow one.
+        exploration: ε, the share of random choices, at the start.
+        final_exploration: ε once `exploration_share` of the budget is used up; it falls in a straight line.
+        exploration_share: See there.
+        max_gradient_norm: Cut-off of the gradient.
+    """
+
+    learning_rate: float = 5e-4
+    discount: float = 0.99
+    batch: int = 256
+    capacity: int = 100_000
+    warm_up: int = 1000
+    update_every: int = 8
+    refresh_every: int = 250
+    exploration: float = 1.0
+    final_exploration: float = 0.05
+    exploration_share: float = 0.1
+    max_gradient_norm: float = 10.0
+
+
+class Batch(NamedTuple):
+    """n transitions (s, a, r, s').
+
+    Attributes:
+        states: [n, D]
+        actions: [n]
+        rewards: Discounted sum of what the action earned while it lasted. [n]
+        discounts: γ^k of an action that lasted k steps; 0 where nothing is to come after it. [n]
+        following: [n, D]
+    """
+
+    states: Floats
+    actions: Ints
+    rewards: Floats
+    discounts: Floats
+    following: Floats
+
+
+class DQN:
+    """Q(s, a) of a few actions, which may last several steps each (Sutton, Precup & Singh, 1999).
+
+    Args:
+        size: D, numbers in a state.
+        actions: To choose from.
+        seed: Of the network, and of the draws from the replay.
+        settings: The numbers.
+    """
+
+    def __init__(self, size: int, actions: int, seed: int, settings: DQNSettings) -> None:
+        self.settings = settings
+        self.rng = np.random.default_rng(seed)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.online = mlp(size, actions, output_gain=0.1)
+        self.slow = deepcopy(self.online).requires_grad_(False)
+        self.optimiser = torch.optim.Adam(self.online.parameters(), lr=settings.learning_rate)
+        self.exploration = settings.exploration
+        self.updates = 0
+        self._kept = Batch(
+            np.zeros((settings.capacity, size), np.float32),
+            np.zeros(settings.capacity, np.intp),
+            np.zeros(settings.capacity, np.float32),
+            np.zeros(settings.capacity, np.float32),
+            np.zeros((settings.capacity, size), np.float32),
+        )
+        self._added = 0
+        self._due = 0.0
+
+    @torch.no_grad()
+    def values(self, states: Floats) -> Floats:
+        """Q of every action. [n, D] -> [n, A]"""
+        values: Floats = self.online(torch.from_numpy(states)).numpy()
+        return values
+
+    def act(self, states: Floats, rng: np.random.Generator, allowed: NDArray[np.bool_] | None = None) -> Ints:
+        """The best action, or with probability ε any. [n]
+
+        Args:
+            states: [n, D]
+            rng: Of the draws.
+            allowed: Which actions there are to choose from; all if None. [n, A]
+        """
+        values = self.values(states)
+        chances = np.ones(values.shape, np.bool_) if allowed is None else allowed
+        best = np.where(chances, values, -np.inf).argmax(-1)
+        anyhow = np.where(chances, rng.random(values.shape), -1.0).argmax(-1)
+        chosen: Ints = np.where(rng.random(len(states)) < self.exploration, anyhow, best)
+        return chosen
+
+    def learn(self, batch: Batch) -> None:
+        """Keeps transitions, and makes the updates that are due with them."""
+        s = self.settings
+        places = (self._added + np.arange(len(batch.actions))) % s.capacity
+        kept: NDArray[Any]
+        for kept, column in zip(self._kept, batch, strict=True):
+            kept[places] = column
+        self._added += len(places)
+        if self._added < s.warm_up:
+            return
+        due, self._due = divmod(self._due + len(places) / s.update_every, 1.0)
+        for _ in range(int(due)):
+            drawn = self.rng.integers(min(self._added, s.capacity), size=s.batch)
+            states, actions, rewards, discounts, following = self._kept
+            self.improve(
+                Batch(states[drawn], actions[drawn], rewards[drawn], discounts[drawn], following[drawn])
+            )
+
+    def improve(self, batch: Batch) -> None:
+        """One gradient step on the Huber loss of Q(s, a) - y."""
+        states, actions = torch.from_numpy(batch.states), torch.from_numpy(batch.actions)
+        values = self.online(states).gather(-1, actions[:, None])[:, 0]
+        loss = functional.smooth_l1_loss(values, self.targets(batch))
+        gradient_step(self.optimiser, loss, self.settings.max_gradient_norm)
+        self.updates += 1
+        if self.updates % self.settings.refresh_every == 0:
+            self.slow.load_state_dict(self.online.state_dict())
+
+    @torch.no_grad()
+    def targets(self, batch: Batch) -> torch.Tensor:
+        """Targets y = r + γ^k Q'(s', argmax_a Q(s', a)), where Q' is the slow network. [n]"""
+        following = torch.from_numpy(batch.following)
+        chosen = self.online(following).argmax(-1, keepdim=True)
+        to_come: torch.Tensor = self.slow(following).gather(-1, chosen)[:, 0]
+        return torch.from_numpy(batch.rewards) + torch.from_numpy(batch.discounts) * to_come
+
+    def anneal(self, progress: float) -> None:
+        """Sets ε for the share of the budget that is used up, in [0, 1]."""
+        s = self.settings
+        share = min(progress / s.exploration_share, 1.0)
+        self.exploration = s.exploration + share * (s.final_exploration - s.exploration)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """The network's tensors by name."""
+        return {f"q.{name}": tensor for name, tensor in self.online.state_dict().items()}
+
+    def load(self, state: dict[str, torch.Tensor]) -> None:
+        """Takes the network's tensors from `state`, which may hold others too."""
+        load_named(self.online, {n.removeprefix("q."): t for n, t in state.items() if n.startswith("q.")})
+        self.slow.load_state_dict(self.online.state_dict())
