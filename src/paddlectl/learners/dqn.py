@@ -2,7 +2,7 @@
 
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -119,9 +119,8 @@ class DQN:
         """Keeps transitions, and makes the updates that are due with them."""
         s = self.settings
         places = (self._added + np.arange(len(batch.actions))) % s.capacity
-        kept: NDArray[Any]
-        for kept, column in zip(self._kept, batch, strict=True):
-            kept[places] = column
+        for name, column in batch._asdict().items():
+            getattr(self._kept, name)[places] = column
         self._added += len(places)
         if self._added < s.warm_up:
             return
