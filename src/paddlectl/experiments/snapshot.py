@@ -218,8 +218,8 @@ class _Reader:
         self._done[number] = getattr(self, f"_{kind}")(old, *rest)
         return self._done[number]
 
-    def _bytes(self, old: Any, text: str) -> bytes:
-        return bytes.fromhex(text)
+    def _bytes(self, old: Any, text: str) -> Any:
+        return _kept(old, bytes.fromhex(text))
 
     def _constant(self, old: Any, node: Any) -> Any:
         return _Reader(self._arrays).fill(old, node)
@@ -233,11 +233,11 @@ class _Reader:
     def _fixed(self, old: Any, _name: str) -> Any:
         return old
 
-    def _float(self, old: Any, text: str) -> float:
-        return float(text)
+    def _float(self, old: Any, text: str) -> Any:
+        return _kept(old, float(text))
 
     def _scalar(self, old: Any, *place: Any) -> Any:
-        return self._slice(*place)[()]
+        return _kept(old, self._slice(*place)[()])
 
     def _array(self, old: Any, *place: Any) -> np.ndarray:
         """In place where it fits, since others may look at the same memory."""
