@@ -364,11 +364,10 @@ class _Reader:
 
 
 _MISSING = object()
-_DTYPES = {
+_DTYPES = {  # that safetensors takes
     "bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64",
     "float16", "float32", "float64", "complex64",
 }  # fmt: skip
-"""Of the arrays that safetensors takes."""
 
 
 def _fixed(value: Any) -> str | None:

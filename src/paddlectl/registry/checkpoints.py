@@ -46,8 +46,8 @@ def save(run: Path, document: Any, arrays: bytes, tables: dict[str, manifests.Se
 
     Args:
         run: The folder.
-        document: What is kept.
-        arrays: What is kept.
+        document: What is kept, but for its arrays.
+        arrays: Those, as a safetensors file.
         tables: The seals of the run's tables as they are.
     """
     documents.sync_files(run)
