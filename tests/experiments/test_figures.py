@@ -1,8 +1,9 @@
 """The figures of a learning curve, worked by hand."""
 
+import numpy as np
 import pytest
 
-from paddlectl.experiments.curves import InOrder, curve_figures, rates
+from paddlectl.experiments.curves import WINDOW, Curve, curve_figures, in_order, rates
 from paddlectl.hybrid.rollout import Decisions, Episode
 
 
@@ -30,13 +31,26 @@ def test_short_episodes_are_the_lucky_ones_and_dont_flatter_the_area():
 
 
 def test_nothing_is_told_of_a_run_until_its_first_episode_has_ended():
-    run: InOrder[Episode] = InOrder()
+    curve = Curve()
     told = []
     for row in sorted(LUCKY_ARE_SHORT, key=lambda row: row[2]):
-        run.add([episode(*row)])
-        told.append(rates(run.known)["success_rate"])
+        curve.add([episode(*row)])
+        told.append(curve.rates()["success_rate"])
     # after frames 20 and 40 the first still runs; after 60 it is known with the second and third
     assert told == [None, None, pytest.approx(2 / 3), pytest.approx(2 / 3), pytest.approx(3 / 5)]
+
+
+@pytest.mark.parametrize("count", [1, WINDOW, WINDOW + 1, 3 * WINDOW + 50])
+def test_what_is_told_meanwhile_is_what_all_episodes_tell(count):
+    rng = np.random.default_rng(count)
+    scores = rng.random(count) * (rng.random(count) < 0.5)
+    ended = [episode(order, 0, order + 1, float(scores[order])) for order in rng.permutation(count).tolist()]
+    curve = Curve()
+    for start in range(0, count, 7):
+        curve.add(ended[start : start + 7])
+        known = in_order(ended[: start + 7])
+        assert (curve.known, curve.rates()) == (len(known), rates(known))
+    assert curve.ended == curve.known == count
 
 
 def test_the_jump_start_and_the_end_are_of_episodes_in_the_order_of_their_start():

@@ -2,24 +2,35 @@
 
 import json
 import shutil
+import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from freeze import RECORDED
-from paddlectl.errors import IntegrityError, NotFoundError, RegistryBusyError, UsageError
-from paddlectl.experiments import sources
+from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, RegistryBusyError, UsageError
+from paddlectl.experiments import snapshot, sources
+from paddlectl.experiments.curves import curve_figures
 from paddlectl.experiments.jobs import TrainJob
+from paddlectl.experiments.log import recorded
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.sources import train_source
+from paddlectl.experiments.stop import Stop
+from paddlectl.hybrid import training
+from paddlectl.hybrid.policy import HybridPolicy, settings_for
+from paddlectl.hybrid.rollout import Decisions, Episode, Outcome
+from paddlectl.hybrid.training import Learning, Round
 from paddlectl.learners import ppo
 from paddlectl.registry.check import check
 from paddlectl.registry.store import Registry
+from paddlectl.tasks.suite import load
 from trials.runs import (
     FRAMES,
     KINDS,
@@ -151,6 +162,207 @@ def test_state_that_isnt_this_versions_is_refused(place: Path, monkeypatch: pyte
     monkeypatch.setattr(ppo, "mlp", partial(ppo.mlp, hidden=(8,)))
     with pytest.raises(IntegrityError, match="doesn't fit this version"):
         resume(run, registry, quiet, Pace())
+
+
+@pytest.mark.parametrize("change", [{"horizon": 321}, {"summary": "another"}])
+def test_a_run_that_this_version_would_begin_otherwise_is_refused(
+    place: Path, change: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    registry = Registry.open(place)
+    run = stopped(registry)
+    monkeypatch.setattr(sources, "load", lambda name: replace(load(name), **change))
+    with pytest.raises(IntegrityError, match="doesn't fit this version"):
+        resume(run, registry, quiet, Pace())
+
+
+# What isn't of the project
+
+
+class Outsider:
+    """A witness that can tell what it knows."""
+
+    def __init__(self) -> None:
+        self._told: list[int] = []
+
+    def decided(self, outcome: Outcome) -> None:
+        self._told.append(int(outcome.steps.sum()))
+
+    def snapshot(self) -> list[int]:
+        return self._told
+
+    def restore(self, told: list[int]) -> None:
+        self._told = told
+
+
+class Mute:
+    """A witness that can't."""
+
+    def decided(self, outcome: Outcome) -> None:
+        pass
+
+
+def with_witness(witness: Any, patch: pytest.MonkeyPatch) -> None:
+    train = training.train
+
+    def watched(*given: Any) -> Learning:
+        learning = train(*given)
+        learning.rollout._witnesses = (*learning.rollout._witnesses, witness)
+        return learning
+
+    patch.setattr(training, "train", watched)
+
+
+def test_any_class_that_can_tell_its_state_goes_on_with_the_run(place: Path) -> None:
+    registry = Registry.open(place)
+    told = []
+    for stop in (Stop(), StopAfter(3)):
+        with pytest.MonkeyPatch.context() as patch, suppress(KeyboardInterrupt):
+            with_witness(witness := Outsider(), patch)
+            train_source(TrainJob("GapBall", 0, FRAMES), registry, quiet, Pace(stop=stop))
+        told.append(witness.snapshot())
+    assert 0 < len(told[1]) < len(told[0])
+    with pytest.MonkeyPatch.context() as patch:
+        with_witness(witness := Outsider(), patch)
+        resume(registry.runs()[0].id, registry, quiet, Pace())
+    assert witness.snapshot() == told[0]
+
+
+def test_what_cant_be_captured_is_told_before_anything_is_learned(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    registry = Registry.open(place)
+    with_witness(Mute(), monkeypatch)
+    with pytest.raises(PaddlectlError) as caught:
+        train_source(TrainJob("GapBall", 0, FRAMES), registry, quiet)
+    assert str(caught.value) == (
+        f"learning.rollout._witnesses[1]: a Mute of module {__name__} can't be captured: "
+        "give it snapshot() and restore()"
+    )
+    run = registry.runs()[0]
+    assert (run.status, run.frames, registry.read_rows(run.id, "progress")) == ("failed", 0, [])
+
+
+# However long it is
+
+
+class Kept(NamedTuple):
+    bytes: int
+    seconds: float
+
+
+@contextmanager
+def kept() -> Iterator[list[Kept]]:
+    """What each checkpoint took."""
+    found: list[Kept] = []
+    capture, save = snapshot.capture, Registry.save_checkpoint
+    began = 0.0
+
+    def capturing(roots: dict[str, Any]) -> tuple[Any, bytes]:
+        nonlocal began
+        began = time.process_time()
+        return capture(roots)
+
+    def saving(registry: Registry, run: str, document: Any, arrays: bytes) -> None:
+        save(registry, run, document, arrays)
+        found.append(Kept(len(json.dumps(document)) + len(arrays), time.process_time() - began))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(snapshot, "capture", capturing)
+        patch.setattr(Registry, "save_checkpoint", saving)
+        yield found
+
+
+LANES = 8
+
+
+def made_up(count: int) -> Iterator[Round]:
+    """Rounds of so many episodes, of lanes that are not in step."""
+    ended: list[Episode] = []
+    for order in range(count):
+        place = order ^ 1  # the second of two ends first
+        scenes = (np.arange(30) * order) % 7
+        decisions = Decisions.empty(30)._replace(scenes=scenes)
+        ended.append(Episode(place, 20 * place, 20 * order + 40, place % 3 / 2, 20, decisions))
+        if len(ended) == LANES:
+            yield Round(20 * order + 40, ended)
+            ended = []
+
+
+def after(count: int, place: Path) -> Kept:
+    """What a checkpoint takes after so many episodes, at best."""
+    registry = Registry.open(place)
+    learning = training.train(HybridPolicy(task := load("GapBall"), 0, settings_for(task)), 0, FRAMES)
+    run = registry.add_run(
+        kind="train",
+        method="hdm",
+        task="GapBall",
+        scenario=None,
+        sources=(),
+        seed=0,
+        settings={},
+        versions={},
+    )
+    recent = sources._Recent(len(learning.policy.clauses.bodies))
+    pace = Pace(3600.0)
+    with recorded(registry, run) as log, kept() as found:
+        with pace.rounds(registry, log, {"learning": learning, "recent": recent}) as after_round:
+            for round_ in made_up(count):
+                recent.add(log.add(round_))
+                log.write(round_)
+                after_round()
+            pace.stop.asked = True
+            for _ in range(8):
+                with suppress(KeyboardInterrupt):
+                    after_round()
+        assert (log.curve.ended, log.curve.known) == (count, count)
+        assert curve_figures(log.ended(), log.frames)["jump_start"] > 0.3
+    return Kept(found[-1].bytes, min(each.seconds for each in found))
+
+
+def test_a_checkpoint_after_many_episodes_is_as_small_and_quick_as_after_few(tmp_path: Path) -> None:
+    few, many = after(200, tmp_path), after(20_000, tmp_path)
+    assert many.bytes < 1.01 * few.bytes
+    assert many.seconds < 1.2 * few.seconds
+
+
+def test_the_checkpoints_of_a_run_are_of_one_size(place: Path) -> None:
+    registry = Registry.open(place)
+    for kind in ("train", "paddle default"):
+        with kept() as found:
+            begin(kind, registry, Pace(0.0), rounds=5)
+        sizes = [each.bytes for each in found]
+        assert len(sizes) == 5 and max(sizes) < 1.02 * min(sizes)
+
+
+def test_a_checkpoint_reads_of_the_tables_only_what_is_new(tmp_path: Path) -> None:
+    registry = Registry.open(tmp_path)
+    run = registry.add_run(
+        kind="train",
+        method="hdm",
+        task="GapBall",
+        scenario=None,
+        sources=(),
+        seed=0,
+        settings={},
+        versions={},
+    ).id
+    table = registry.folder / "runs" / run / "episodes.jsonl"
+    for number in range(3):
+        registry.append_rows(run, "episodes", [{"order": number}])
+        registry.save_checkpoint(run, number, b"")
+    text = table.read_bytes()
+    table.write_bytes(text.replace(b"0", b"7"))  # damage since then isn't sealed
+    registry.append_rows(run, "episodes", [{"order": 3}])
+    registry.save_checkpoint(run, 3, b"")
+    with pytest.raises(IntegrityError, match="isn't what was stored"):
+        registry.rewind(run)
+    table.write_bytes(text + b'{"order": 3}\n{"order": 9}\n')
+    assert registry.rewind(run).document == 3
+    registry.append_rows(run, "episodes", [{"order": 4}])
+    registry.save_checkpoint(run, 4, b"")
+    with Registry.open(tmp_path) as elsewhere:
+        assert elsewhere.rewind(run).document == 4
+    assert [row["order"] for row in registry.each_row(run, "episodes")] == [0, 1, 2, 3, 4]
 
 
 def test_a_run_goes_on_in_one_process_only(place: Path) -> None:

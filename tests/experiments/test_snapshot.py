@@ -2,17 +2,24 @@
 
 import json
 import socket
+import subprocess
 import sys
+from collections import defaultdict, deque
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from enum import Enum, Flag
+from functools import cached_property, partial
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 import torch
 
-from paddlectl.errors import IntegrityError
+from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments import snapshot
+from paddlectl.learners.ppo import PPO
+from paddlectl.logic.atoms import Predicate
 
 
 class Pair(NamedTuple):
@@ -47,6 +54,56 @@ class Simulator:
 
     def restore(self, value: list[float]) -> None:
         self._position = value
+
+
+class Phase(Enum):
+    EARLY = "early"
+    LATE = "late"
+
+
+class Marks(Flag):
+    ONE = 1
+    TWO = 2
+
+
+class Foreign:
+    """Of another project, and all its own affair."""
+
+    def __init__(self, *steps: int) -> None:
+        self._hidden = {*steps}
+
+    def snapshot(self) -> list[int]:
+        return sorted(self._hidden)
+
+    def restore(self, steps: list[int]) -> None:
+        self._hidden = {*steps}
+
+
+class Hidden(torch.nn.Module):
+    """A network with more to it than its `state_dict` tells."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layer = torch.nn.Linear(1, 1)
+        self.register_buffer("mean", torch.zeros(2), persistent=False)
+        self.steps = 0
+
+
+@dataclass(frozen=True)
+class Holder:
+    """Frozen, but not what it holds; of another project, as far as anyone knows."""
+
+    held: Any
+    name: str = "holder"
+
+    @cached_property
+    def title(self) -> str:
+        return self.name.title()
+
+
+@dataclass(frozen=True, slots=True)
+class Slotted:
+    held: Any
 
 
 class Everything:
@@ -87,7 +144,7 @@ class Everything:
 def ours(monkeypatch: pytest.MonkeyPatch) -> None:
     """The classes of this file pass for the project's own."""
     monkeypatch.setitem(sys.modules, "paddlectl.stood_in", sys.modules[__name__])
-    for kind in (Pair, Numbers, Late, Simulator, Everything):
+    for kind in (Pair, Numbers, Late, Simulator, Everything, SimpleHolder):
         monkeypatch.setattr(kind, "__module__", "paddlectl.stood_in")
 
 
@@ -113,15 +170,17 @@ def test_what_goes_on_from_a_snapshot_is_what_goes_on(steps: int) -> None:
 def test_what_isnt_known_is_an_error_that_says_where() -> None:
     it = Everything(1)
     it.table["a"].append(socket.socket())
-    with pytest.raises(TypeError, match=r"no way to save \.it\.table\.a\[4\], a socket\.socket"):
+    with pytest.raises(PaddlectlError) as caught:
         snapshot.capture({"it": it})
+    assert str(caught.value) == (
+        "it.table.a[4]: a socket of module socket can't be captured: give it snapshot() and restore()"
+    )
 
 
 @pytest.mark.parametrize(
     "change",
     [
         lambda it: setattr(it, "network", torch.nn.Linear(4, 2)),
-        lambda it: setattr(it, "numbers", Numbers(0.1)),
         lambda it: setattr(it, "more", 1),
         lambda it: setattr(it, "rng", 3),
         lambda it: setattr(it, "simulator", None),
@@ -140,3 +199,221 @@ def test_no_class_of_another_project_is_made() -> None:
     text = json.dumps(tree).replace("paddlectl.stood_in.Late", "subprocess.Popen")
     with pytest.raises(IntegrityError, match=r"subprocess\.Popen isn't of this project"):
         snapshot.restore({"it": None}, json.loads(text), arrays)
+
+
+def went_through(before: Any, now: Any) -> Any:
+    """What becomes of `before`, made as at the start, when it is put where `now` was captured."""
+    tree, arrays = snapshot.capture({"it": now})
+    roots = {"it": before}
+    snapshot.restore(roots, json.loads(json.dumps(tree)), arrays)
+    return roots["it"]
+
+
+def ppo(steps: int) -> PPO:
+    learner = PPO(2, 2, 0)
+    learner.rng.random(steps)
+    return learner
+
+
+@pytest.mark.parametrize("kind", [Holder, Slotted, lambda held: MappingProxyType({"held": held})])
+@pytest.mark.parametrize(
+    ("before", "now", "told"),
+    [
+        (np.zeros(3), np.arange(3.0), lambda held: held.tolist()),
+        ([1], [1, 2], lambda held: held),
+        ({}, {"a": [np.float32(0.5)]}, lambda held: held),
+        (ppo(0), ppo(7), lambda held: held.rng.random()),
+        (Foreign(), Foreign(1, 2), Foreign.snapshot),
+        ((3, []), (3, [4]), lambda held: held),
+        (Holder([1]), Holder([2]), lambda held: held.held),
+        (np.random.default_rng(0).random, np.random.default_rng(1).random, lambda held: held(3).tolist()),
+    ],
+)
+def test_what_is_frozen_is_no_constant_for_all_that(
+    kind: Callable[[Any], Any], before: Any, now: Any, told: Callable[[Any], Any]
+) -> None:
+    def of(value: Any) -> Any:
+        return value["held"] if isinstance(value, MappingProxyType) else value.held
+
+    there = kind(before)
+    found = went_through(there, kind(now))
+    assert found is there, "others may refer to it"
+    assert told(of(found)) == told(now)
+
+
+@pytest.mark.parametrize(
+    ("before", "now"),
+    [
+        (Phase.EARLY, Phase.LATE),
+        (Marks.ONE, Marks.ONE | Marks.TWO),
+        (b"a", b"\xff"),
+        ("a", "b"),
+        (1, True),
+        (0.0, -0.0),
+        (np.float64(1.0), 1.0),
+        (1.0, np.float64(1.0)),
+        ((Phase.EARLY, 1), (Phase.LATE, 1)),
+        (frozenset("ab"), frozenset({"b", Phase.LATE, (1, 2)})),
+        (Numbers(), Numbers(0.1, (5,), "x")),
+        (Holder(None), Holder(frozenset({Numbers(2.0)}))),
+        (Slotted(1), Slotted(float("inf"))),
+        (MappingProxyType({"a": 1}), MappingProxyType({"b": 2})),
+        (Pair(1, 2), Pair(Phase.LATE, None)),
+        (None, Pair(Numbers(), Holder(Slotted(Phase.LATE)))),
+        (None, np.arange(3)[::-1]),
+        (None, {Numbers(): [frozenset({1.5})]}),
+    ],
+)
+def test_a_constant_that_another_took_the_place_of_comes_back(before: Any, now: Any) -> None:
+    found = went_through(SimpleHolder(before), SimpleHolder(now)).held
+    assert type(found) is type(now) and repr(found) == repr(now)
+
+
+def test_a_constant_that_is_the_same_stays_the_object_that_it_was() -> None:
+    for value in (Numbers(), (Phase.LATE, frozenset({Numbers(0.5)})), Holder("a"), Slotted((1, 2.5, None))):
+        assert went_through(value, value) is value
+
+
+def test_what_is_worked_out_from_constants_plays_no_part() -> None:
+    fresh, asked = Predicate("far", 0)(), Predicate("far", 0)()
+    assert asked.text == "far()"
+    assert snapshot.capture({"it": fresh}) == snapshot.capture({"it": asked})
+
+
+def test_equal_constants_are_one_or_two_objects_alike() -> None:
+    sizes = tuple(int(size) for size in "34")
+    one = [Numbers(sizes=sizes), Numbers(sizes=sizes), sizes]
+    two = [Numbers(sizes=tuple([3, 4])), Numbers(sizes=tuple([3, 4])), tuple([3, 4])]
+    assert snapshot.capture({"it": one}) == snapshot.capture({"it": two})
+
+
+SETS = """
+from paddlectl.experiments import snapshot
+print(snapshot.digest(snapshot.capture({"it": frozenset("abcdefgh")})[0]))
+"""
+
+
+def test_a_set_is_captured_alike_in_every_process() -> None:
+    environment = {"PYTHONPATH": ":".join(sys.path), "PYTHONHASHSEED": "1"}
+    done = subprocess.run([sys.executable, "-c", SETS], env=environment, capture_output=True, check=True)
+    here = snapshot.digest(snapshot.capture({"it": frozenset("abcdefgh")})[0])
+    assert done.stdout.decode().strip() == here
+
+
+def counting(start: int) -> Callable[[], int]:
+    count = start
+
+    def count_on() -> int:
+        nonlocal count
+        count += 1
+        return count
+
+    return count_on
+
+
+def test_what_a_function_has_to_work_with_is_kept() -> None:
+    assert went_through(counting(0), counting(7))() == 8
+    assert went_through(partial(max, [1], key=None), partial(max, [5], key=None))() == 5
+    with pytest.raises(IntegrityError):
+        went_through(partial(max, 1, 2), partial(max, 3, 4))  # nothing in it can be changed
+    with pytest.raises(IntegrityError):
+        went_through(SimpleHolder(max), SimpleHolder(min))
+
+
+def test_all_of_a_network_is_kept() -> None:
+    now = Hidden().eval()
+    now.steps = 4
+    now.mean += 1.0
+    found = went_through(Hidden(), now)
+    assert (found.steps, found.mean.tolist()) == (4, [1.0, 1.0])
+    assert not found.training and not found.layer.training
+
+
+class SimpleHolder:
+    def __init__(self, held: Any) -> None:
+        self.held = held
+
+
+def test_any_class_that_offers_it_is_taken() -> None:
+    there = Foreign(1)
+    assert went_through(there, Foreign(2, 3)) is there and there.snapshot() == [2, 3]
+    assert went_through([None], [Foreign(2)])[0].snapshot() == [2], "made only after the start"
+    assert went_through(SimpleHolder(Numbers()), SimpleHolder(Foreign(4))).held.snapshot() == [4]
+
+
+class Half:
+    def snapshot(self) -> int:
+        return 1
+
+
+class Words(dict[str, int]):
+    """Of the project, and yet more than its attributes."""
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (Half(), "a Half of module"),
+        (SimpleNamespace(), "a SimpleNamespace of module types"),
+        ({1, 2}, "a set of module builtins"),
+        (deque([1]), "a deque of module collections"),
+        (defaultdict(int), "a defaultdict of module collections"),
+        (Words(a=1), "a Words of module paddlectl.stood_in"),
+        (bytearray(b"a"), "a bytearray of module builtins"),
+        (1j, "a complex of module builtins"),
+        (iter([1]), "a list_iterator of module builtins"),
+        (np.ma.masked_array([1.0], [True]), "a MaskedArray of module numpy.ma"),
+        (np.array(["a"]), "a str32 ndarray of module numpy"),
+        (np.array([None]), "a object ndarray of module numpy"),
+        (np.zeros(1, np.complex128), "a complex128 ndarray of module numpy"),
+        (torch.zeros(1, dtype=torch.bfloat16), "a torch.bfloat16 Tensor of module torch"),
+        (torch.zeros(2).to_sparse(), "a torch.float32 Tensor of module torch"),
+        (np.random.RandomState(0), "a RandomState of module numpy.random.mtrand"),
+        (Holder(socket.socket), None),
+        (Holder([Half()]), "learning.it.held[0]: a Half of module"),
+        ({Half(): 1}, "learning.it, a key: a Half of module"),
+        (frozenset({Half()}), "learning.it, an item: a Half of module"),
+    ],
+)
+def test_what_cant_be_captured_is_named(
+    value: Any, told: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Words, "__module__", "paddlectl.stood_in")
+    if told is None:
+        snapshot.capture({"learning": {"it": value}})
+        return
+    with pytest.raises(PaddlectlError) as caught:
+        snapshot.capture({"learning": {"it": value}})
+    message = str(caught.value)
+    assert told in message and message.startswith("learning.it") and "\n" not in message
+    assert message.endswith("can't be captured: give it snapshot() and restore()")
+
+
+@pytest.mark.parametrize(
+    ("there", "name", "told"),
+    [
+        (Late(Numbers()), "subprocess.Popen", "isn't of this project"),
+        (Late(Numbers()), "paddlectl.experiments.snapshot.PurePath", "is loaded"),
+        (Late(Numbers()), "paddlectl.experiments.snapshot.torch.nn.Linear", "is loaded"),
+        (Late(Numbers()), "this.Zen", "is loaded"),
+        (Late(Numbers()), "", "is loaded"),
+        (Foreign(1), "subprocess.Popen", r"has no snapshot\(\) and restore\(\)"),
+        (Foreign(1), "antigravity.Foreign", "is loaded"),
+        (SimpleHolder([Pair(1, [2])]), "subprocess.Popen", "is no named tuple"),
+        (SimpleHolder([Phase.LATE]), "subprocess.Popen", "is no enum"),
+    ],
+)
+def test_nothing_that_is_named_is_imported_or_run(there: Any, name: str, told: str) -> None:
+    tree, arrays = snapshot.capture({"it": there})
+    kinds = {f"{kind.__module__}.{kind.__qualname__}" for kind in (Late, Foreign, Pair, Phase)}
+    text = json.dumps(tree)
+    for kind in kinds:
+        text = text.replace(f'"{kind}"', f'"{name}"')
+    loaded = set(sys.modules)
+    with pytest.raises(IntegrityError, match=told):
+        snapshot.restore(
+            {"it": None if isinstance(there, Late | Foreign) else SimpleHolder([None])},
+            json.loads(text),
+            arrays,
+        )
+    assert set(sys.modules) == loaded

@@ -1,5 +1,8 @@
 """Training is a function of its seed; evaluation plays the first layouts once each."""
 
+import tracemalloc
+from collections import deque
+
 import numpy as np
 import pytest
 import torch
@@ -75,6 +78,44 @@ def test_evaluation_plays_the_first_layouts_once_each(episodes):
     assert result.success_rate == pytest.approx(solvable.mean())
     assert result.mean_score == pytest.approx(scores.mean())
     assert result.mean_length == pytest.approx(lengths.mean())
+
+
+@pytest.mark.parametrize("lanes", [1, 3, 7, 50])
+def test_the_layouts_are_the_same_however_many_are_played_side_by_side(lanes, monkeypatch):
+    # what happens in a layout is by script here, so that its figures tell which one it was
+    together = training.evaluate(walker(), TASK, 50, 2)
+    monkeypatch.setattr(training, "LANES", lanes)
+    assert training.evaluate(walker(), TASK, 50, 2) == together
+
+
+def peak(episodes):
+    """Bytes in use at most."""
+    policy = walker()
+    policy.low_level.seen = deque(maxlen=1)
+    tracemalloc.start()
+    try:
+        training.evaluate(policy, TASK, episodes, 2)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_memory_is_that_of_the_episodes_side_by_side(monkeypatch):
+    monkeypatch.setattr(training, "LANES", 100)
+    peak(1)
+    assert peak(6000) < 1.2 * peak(1000)
+
+
+def test_the_blocks_of_an_evaluation_play_no_part(monkeypatch):
+    monkeypatch.setattr(training, "LANES", 7)
+    policy, found = HybridPolicy(TASK, 0, SMALL), []
+    for steps in (5, 32):
+        buffer = training._buffer
+        monkeypatch.setattr(
+            training, "_buffer", lambda _, environment, s=steps, make=buffer: make(s, environment)
+        )
+        found.append(training.evaluate(policy, TASK, 40, 1))
+    assert found[0] == found[1]
 
 
 def test_evaluation_gives_the_program_of_the_scenes_that_were_visited():

@@ -7,56 +7,105 @@ of them that hasn't ended yet.
 """
 
 from collections.abc import Iterable, Sequence
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+
+from paddlectl.hybrid.rollout import Episode
 
 WINDOW = 100
 """Episodes that a figure is over."""
 
 
-class Ended(Protocol):
-    """An episode that ended: its place in the order of starting, when it started, and its score."""
+class Ordered(Protocol):
+    """An episode by its place in the order of starting."""
 
     @property
     def order(self) -> int: ...
+
+
+class Ended(Ordered, Protocol):
+    """An episode that ended: when it started, and its score."""
+
     @property
     def started(self) -> int: ...
     @property
     def score(self) -> float: ...
 
 
-E = TypeVar("E", bound=Ended)
+E = TypeVar("E", bound=Ordered)
 
 
 class InOrder(Generic[E]):
     """Episodes that end in any order, put in the order in which they started.
 
     Attributes:
-        known: From the first one started on, all up to the first that hasn't ended yet.
+        known: How many there are from the first one started on, up to the first that hasn't ended yet.
     """
 
     def __init__(self) -> None:
-        self.known: list[E] = []
+        self.known = 0
         self._waiting: dict[int, E] = {}
 
-    def add(self, ended: Iterable[E]) -> None:
-        """Takes in episodes that ended."""
+    def add(self, ended: Iterable[E]) -> list[E]:
+        """Takes in episodes that ended, and gives those that are known by it."""
         self._waiting.update((episode.order, episode) for episode in ended)
-        while len(self.known) in self._waiting:
-            self.known.append(self._waiting.pop(len(self.known)))
+        known = []
+        while self.known in self._waiting:
+            known.append(self._waiting.pop(self.known))
+            self.known += 1
+        return known
+
+
+class Known(NamedTuple):
+    """An episode by its place in the order of starting, its score, and the scenes that it came through."""
+
+    order: int
+    score: float
+    scenes: tuple[int, ...]
+
+
+class Curve:
+    """How well a run does; no larger after a million episodes than after a thousand.
+
+    Attributes:
+        ended: Episodes that ended.
+    """
+
+    def __init__(self) -> None:
+        self.ended = 0
+        self._order: InOrder[Known] = InOrder()
+        self._scores = np.zeros(WINDOW)  # of the latest that are known, the latest last
+
+    @property
+    def known(self) -> int:
+        """Episodes in the order in which they started, up to the first that hasn't ended."""
+        return self._order.known
+
+    def add(self, episodes: Sequence[Episode]) -> list[Known]:
+        """Takes in episodes that ended, and gives those that are known by it."""
+        self.ended += len(episodes)
+        scenes = (tuple(np.unique(episode.decisions.scenes).tolist()) for episode in episodes)
+        known = self._order.add(Known(e.order, e.score, s) for e, s in zip(episodes, scenes, strict=True))
+        self._scores = np.append(self._scores, [episode.score for episode in known])[-WINDOW:]
+        return known
+
+    def rates(self) -> dict[str, float | None]:
+        """Success and mean score of the latest 100 that are known; None before the first."""
+        return _rates(self._scores[max(0, WINDOW - self.known) :])
 
 
 def in_order(ended: Iterable[E]) -> list[E]:
     """Episodes in the order in which they started, up to the first that hasn't ended."""
-    order: InOrder[E] = InOrder()
-    order.add(ended)
-    return order.known
+    return InOrder[E]().add(ended)
 
 
 def rates(known: Sequence[Ended]) -> dict[str, float | None]:
     """Success and mean score of the latest 100 of `in_order`; None before the first."""
-    scores = np.array([episode.score for episode in known[-WINDOW:]])
+    return _rates(np.array([episode.score for episode in known[-WINDOW:]]))
+
+
+def _rates(scores: np.ndarray) -> dict[str, float | None]:
     if not len(scores):
         return {"success_rate": None, "mean_score": None}
     return {"success_rate": float((scores > 0).mean()), "mean_score": float(scores.mean())}
@@ -75,18 +124,23 @@ def curve_figures(ended: Iterable[Ended], frames: int) -> dict[str, float]:
         over 100 moments evenly spread from the start of the run, of the mean score of the latest 100
         episodes of `in_order` that had started by then.
     """
-    ended = list(ended)
-    known = in_order(ended)
-    scores = np.array([episode.score for episode in known])
+    rows = np.fromiter(((e.order, e.started, e.score) for e in ended), _ROW)
+    first = rows["score"][rows["order"] < WINDOW]
+    rows.sort(order="order")
+    known = rows[rows["order"] == np.arange(len(rows))]
+    scores = known["score"]
     moments = np.linspace(0, frames, 100, endpoint=False)
-    started = np.searchsorted([episode.started for episode in known], moments, side="right")
-    last = rates(known)
+    started = np.searchsorted(known["started"], moments, side="right")
+    last = _rates(scores[-WINDOW:])
     return {
-        "jump_start": sum(e.score for e in ended if e.order < WINDOW) / WINDOW,
+        "jump_start": sum(first.tolist()) / WINDOW,
         "final_score": last["mean_score"] or 0.0,
         "success_rate": last["success_rate"] or 0.0,
         "area_under_curve": float(np.mean([_mean(scores[max(0, n - WINDOW) : n]) for n in started])),
     }
+
+
+_ROW = np.dtype([("order", np.intp), ("started", np.intp), ("score", np.float64)])
 
 
 def _mean(values: np.ndarray) -> float:

@@ -2,12 +2,13 @@
 
 import platform
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import distributions, version
-from typing import Any
+from typing import Any, NamedTuple
 
-from paddlectl.experiments.curves import InOrder, rates
+from paddlectl.errors import IntegrityError
+from paddlectl.experiments.curves import Curve, Known
 from paddlectl.experiments.jobs import Progress
 from paddlectl.hybrid.rollout import Episode
 from paddlectl.hybrid.training import Round
@@ -15,12 +16,20 @@ from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 
 
+class Row(NamedTuple):
+    """An episode that ended, as the run's table has it."""
+
+    order: int
+    started: int
+    score: float
+
+
 class RunLog:
     """What a run has done so far; its tables grow in the run's folder a round at a time.
 
     Attributes:
         frames: Environment steps.
-        episodes: In the order in which they ended.
+        curve: How well it does.
         results: Figures to close the run with.
         run: Its id.
     """
@@ -28,21 +37,19 @@ class RunLog:
     def __init__(self, registry: Registry, run: RunRecord) -> None:
         self.run = run.id
         self.frames = 0
-        self.episodes: list[Episode] = []
+        self.curve = Curve()
         self.results: dict[str, Any] = {}
         self._registry = registry
         self._began = time.monotonic()
-        self._in_order: InOrder[Episode] = InOrder()
-        self._counted = 0
 
-    def add(self, round_: Round) -> None:
-        """Takes in a round."""
+    def add(self, round_: Round) -> list[Known]:
+        """Takes in a round, and gives the episodes that are known by it."""
         self.frames = round_.frames
-        self.episodes += round_.episodes
+        return self.curve.add(round_.episodes)
 
     def write(self, round_: Round, **figures: float) -> None:
         """Appends the round that was just taken in, with further figures, to the run's tables."""
-        row = {**self.counts(), **rates(self.known()), **figures}
+        row = {**self.counts(), **self.curve.rates(), **figures}
         self._registry.append_rows(self.run, "episodes", map(_episode_row, round_.episodes))
         self._registry.append_rows(self.run, "progress", [row])
 
@@ -54,17 +61,25 @@ class RunLog:
     def counts(self) -> dict[str, Any]:
         """Frames, episodes and seconds since the start."""
         seconds = round(time.monotonic() - self._began, 3)
-        return {"frames": self.frames, "episodes": len(self.episodes), "seconds": seconds}
+        return {"frames": self.frames, "episodes": self.curve.ended, "seconds": seconds}
 
     def progress(self, total: int, note: str = "") -> Progress:
         """How far the run is, of `total` frames."""
-        return Progress(self.run, self.frames, total, len(self.episodes), **rates(self.known()), note=note)
+        return Progress(self.run, self.frames, total, self.curve.ended, **self.curve.rates(), note=note)
 
-    def known(self) -> Sequence[Episode]:
-        """Episodes in the order in which they started, up to the first that hasn't ended."""
-        self._in_order.add(self.episodes[self._counted :])
-        self._counted = len(self.episodes)
-        return self._in_order.known
+    def ended(self) -> Iterator[Row]:
+        """All episodes so far in the order in which they ended, from the run's table.
+
+        Raises:
+            IntegrityError: If it isn't what was written.
+        """
+        try:
+            for row in self._registry.each_row(self.run, "episodes"):
+                yield Row(int(row["order"]), int(row["started"]), float(row["score"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise IntegrityError(
+                f"the episodes of {self.run} aren't what was written", "run: paddlectl registry check"
+            ) from error
 
 
 @contextmanager

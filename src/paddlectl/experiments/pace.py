@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from paddlectl.errors import UsageError
+from paddlectl.errors import IntegrityError, UsageError
 from paddlectl.experiments import snapshot
 from paddlectl.experiments.log import RunLog
 from paddlectl.experiments.stop import Stop
@@ -74,11 +74,13 @@ class Pace:
             To be called after each round.
 
         Raises:
+            PaddlectlError: If one of them holds what can't be captured, before anything is learned.
             IntegrityError: If the run has checkpoints, but none that can be used.
         """
-        kept = {**roots, "episodes": log.episodes}
+        kept = {**roots, "curve": log.curve}
+        begun = snapshot.digest(snapshot.capture(kept)[0])
         if self.resumed is not None:
-            self._rewind(registry, log, kept)
+            self._rewind(registry, log, kept, begun)
         due = time.monotonic() + self.every
 
         def after_round() -> None:
@@ -90,7 +92,7 @@ class Pace:
                 signal.setitimer(signal.ITIMER_REAL, 0)
             began = time.monotonic()
             tree, arrays = snapshot.capture(kept)
-            registry.save_checkpoint(log.run, {"state": tree, **log.counts()}, arrays)
+            registry.save_checkpoint(log.run, {"begun": begun, "state": tree, **log.counts()}, arrays)
             took = time.monotonic() - began
             due = time.monotonic() + max(self.every, took / SHARE if self.every else 0.0)
             if stopping:
@@ -104,12 +106,16 @@ class Pace:
             if self.stop.asked:
                 signal.setitimer(signal.ITIMER_REAL, 0)
 
-    def _rewind(self, registry: Registry, log: RunLog, kept: dict[str, Any]) -> None:
+    def _rewind(self, registry: Registry, log: RunLog, kept: dict[str, Any], begun: str) -> None:
         found = registry.rewind(log.run)
         if found is None:
             return
         for damaged in found.skipped:
             self.tell(f"an earlier checkpoint is used, since {damaged}")
+        if found.document.get("begun") != begun:
+            raise IntegrityError(
+                "what was saved doesn't fit this version: it would begin the run otherwise", snapshot.HINT
+            )
         log.go_on(found.document["frames"], found.document["seconds"])
         snapshot.restore(kept, found.document["state"], found.arrays)
 

@@ -6,17 +6,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import safetensors
 import safetensors.torch
 import torch
 
 from paddlectl.errors import IntegrityError
+from paddlectl.experiments.curves import Known
 from paddlectl.experiments.jobs import Progress, TrainJob
 from paddlectl.experiments.log import RunLog, recorded, versions
 from paddlectl.experiments.pace import Pace
 from paddlectl.hybrid import training
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, settings_for, settings_from
-from paddlectl.hybrid.rollout import Episode
 from paddlectl.logic.syntax import format_program
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
@@ -64,10 +65,11 @@ def train_source(
     with recorded(registry, run) as log:
         policy = HybridPolicy(task, job.seed, settings)
         learning = training.train(policy, job.seed, frames)
-        with pace.rounds(registry, log, {"learning": learning}) as after_round:
+        recent = _Recent(len(policy.clauses.bodies))
+        with pace.rounds(registry, log, {"learning": learning, "recent": recent}) as after_round:
             for round_ in learning:
-                log.add(round_)
-                crisp = crispness(policy, log.known()[-RECENT:])
+                recent.add(log.add(round_))
+                crisp = training.crispness(policy, recent.shares())
                 log.write(round_, crispness=crisp)
                 report(log.progress(frames, f"crisp {crisp:.2f}"))
                 after_round()
@@ -125,12 +127,25 @@ def _figures(kept: PolicyRecord) -> dict[str, float]:
     }
 
 
-def crispness(policy: HybridPolicy, recent: Sequence[Episode]) -> float:
-    """Crispness over the scenes that the recent episodes came through; 0 before the first."""
-    if not recent:
-        return 0.0
-    visits = training.scene_visits(recent, len(policy.clauses.bodies))
-    return training.crispness(policy, visits / len(recent))
+class _Recent:
+    """Which of so many scenes the latest known episodes came through."""
+
+    def __init__(self, scenes: int) -> None:
+        self._known = 0
+        self._passed = np.zeros((RECENT, scenes), np.bool_)
+
+    def add(self, known: Sequence[Known]) -> None:
+        """Takes in the next episodes."""
+        passed = np.zeros((len(known), self._passed.shape[1]), np.bool_)
+        for row, episode in zip(passed, known, strict=True):
+            row[list(episode.scenes)] = True
+        self._known += len(known)
+        self._passed = np.concatenate([self._passed, passed])[-RECENT:]
+
+    def shares(self) -> np.ndarray:
+        """Share of the episodes that came through each scene; 0 before the first. [S]"""
+        shares: np.ndarray = self._passed.sum(0) / max(1, min(self._known, RECENT))
+        return shares
 
 
 def keep(registry: Registry, run: RunRecord, policy: HybridPolicy, log: RunLog) -> PolicyRecord:

@@ -61,14 +61,14 @@ def run_transfer(
             for round_ in learning:
                 log.add(round_)
                 if account is not None:
-                    account.take(round_, len(log.known()))
+                    account.take(round_, log.curve.known)
                 log.write(round_)
                 report(log.progress(job.frames))
                 after_round()
         if account is not None:
             account.close()
         kept = keep(registry, run, target, log)
-        figures = curve_figures(log.episodes, log.frames)
+        figures = curve_figures(log.ended(), log.frames)
         log.results = figures | {"mean_length": kept.mean_length, "crispness": kept.crispness}
     return {
         "run": run.id,

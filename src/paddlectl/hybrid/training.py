@@ -17,6 +17,10 @@ from paddlectl.tasks.base import Bools, Environment, Ints, Task
 ON_PATH = 0.05
 """A scene is on a policy's path if at least this share of its episodes come through it."""
 
+LANES = 1000
+"""Most episodes that an evaluation plays side by side. Chance is drawn for all of them together, so another
+number would give more episodes than this other figures."""
+
 EXECUTED = 0.1
 """Execution probability from which a clause belongs to the synthesised program (method, section 4)."""
 
@@ -139,15 +143,16 @@ def learn(
 
 
 def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Evaluation:
-    """Plays the first `episodes` evaluation layouts of `seed`, one a lane; nothing is learned.
+    """Plays the first `episodes` evaluation layouts of `seed`, each once; nothing is learned.
 
-    All chance comes from `seed`: whoever evaluates the same policy gets the same figures.
+    A lane whose episode ends takes the next layout, so that memory is that of `LANES` episodes at most. All
+    chance comes from `seed`: whoever evaluates the same policy gets the same figures.
 
     The task may be another than the policy's, of the same domain: its facts are then read in the policy's
     own vocabulary.
     """
     choices, actions = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(2))
-    environment = task.make(episodes, seed, policy.settings.repeat, "evaluation")
+    environment = task.make(min(episodes, LANES), seed, policy.settings.repeat, "evaluation")
     chooser = OwnProgram(policy, choices, policy.settings.sharpness)
     rollout = Rollout(
         environment,
@@ -159,15 +164,21 @@ def evaluate(policy: HybridPolicy, task: Task, episodes: int, seed: int) -> Eval
         actions,
     )
     buffer = _buffer(32, environment)
-    played: list[Episode] = []
-    while len(played) < episodes:
-        played += [episode for episode in rollout.collect(buffer) if episode.order < episodes]
-    visits = scene_visits(played, len(policy.clauses.bodies))
+    visits = np.zeros(len(policy.clauses.bodies), np.intp)
+    ended = solved = length = 0
+    score = 0.0
+    while ended < episodes:
+        played = [episode for episode in rollout.collect(buffer) if episode.order < episodes]
+        ended += len(played)
+        solved += sum(episode.score > 0 for episode in played)
+        length += sum(episode.length for episode in played)
+        score += sum(episode.score for episode in played)
+        visits += scene_visits(played, len(visits))
     return Evaluation(
         episodes,
-        float(np.mean([e.score > 0 for e in played])),
-        float(np.mean([e.score for e in played])),
-        float(np.mean([e.length for e in played])),
+        solved / episodes,
+        score / episodes,
+        length / episodes,
         policy.program(np.flatnonzero(visits), EXECUTED),
         crispness(policy, visits / episodes),
     )

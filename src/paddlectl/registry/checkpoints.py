@@ -23,8 +23,33 @@ class Checkpoint(NamedTuple):
     skipped: tuple[str, ...] = ()
 
 
-def save(run: Path, document: Any, arrays: bytes) -> None:
-    """Adds a checkpoint to the run's folder and drops all but the last two."""
+class Tables:
+    """The seals of tables that only grow: what was read once isn't read again."""
+
+    def __init__(self) -> None:
+        self._seals: dict[Path, manifests.RunningSeal] = {}
+
+    def seals(self, run: Path) -> dict[str, manifests.Seal]:
+        """Of the run's tables as they are, by name."""
+        return {table.name: self._running(table).seal() for table in sorted(run.glob("*.jsonl"))}
+
+    def forget(self, run: Path) -> None:
+        """Its tables are cut, or it is over."""
+        self._seals = {path: seal for path, seal in self._seals.items() if path.parent != run}
+
+    def _running(self, table: Path) -> manifests.RunningSeal:
+        return self._seals.setdefault(table, manifests.RunningSeal(table))
+
+
+def save(run: Path, document: Any, arrays: bytes, tables: dict[str, manifests.Seal]) -> None:
+    """Adds a checkpoint to the run's folder and drops all but the last two.
+
+    Args:
+        run: The folder.
+        document: What is kept, but for its arrays.
+        arrays: Those, as a safetensors file.
+        tables: The seals of the run's tables as they are.
+    """
     documents.sync_files(run)
     folder = run / "checkpoints"
     folder.mkdir(exist_ok=True)
@@ -35,8 +60,8 @@ def save(run: Path, document: Any, arrays: bytes) -> None:
     write_atomically(path, arrays)
     content = {
         "document": document,
-        "arrays": manifests.seal(path),
-        "tables": {table.name: manifests.seal(table) for table in sorted(run.glob("*.jsonl"))},
+        "arrays": manifests.seal_of(arrays),
+        "tables": tables,
     }
     write_atomically(folder / f"{number}.json", documents.with_hash(content, str(path)))
     _remove(folder, sorted(earlier)[: 1 - KEPT])

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
@@ -75,6 +75,17 @@ def rows_of(data: bytes, where: Path) -> list[dict[str, Any]]:
         IntegrityError: If a whole line isn't a JSON object.
     """
     return [_row(line, f"{where}:{number}") for number, line in enumerate(data.split(b"\n")[:-1], 1)]
+
+
+def each_row(file: BinaryIO, where: Path) -> Iterator[dict[str, Any]]:
+    """The rows of an open table, one at a time, without a half-written last one.
+
+    Raises:
+        IntegrityError: If a whole line isn't a JSON object.
+    """
+    for number, line in enumerate(file, 1):
+        if line.endswith(b"\n"):
+            yield _row(line[:-1], f"{where}:{number}")
 
 
 def write_document(folder: Path, name: str, document: Any) -> None:

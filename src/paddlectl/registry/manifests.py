@@ -86,12 +86,24 @@ def names(registry: Path) -> list[str]:
 
 def seal(path: Path) -> Seal:
     """The hash and size of a file as it is."""
-    digest, size = hashlib.sha256(), 0
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-            size += len(block)
-    return Seal(digest.hexdigest(), size)
+    return RunningSeal(path).seal()
+
+
+class RunningSeal:
+    """The seal of a file that only grows, from what is added to it alone."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._digest, self._size = hashlib.sha256(), 0
+
+    def seal(self) -> Seal:
+        """Of the file as it is."""
+        with self._path.open("rb") as file:
+            file.seek(self._size)
+            while block := file.read(_BLOCK):
+                self._digest.update(block)
+                self._size += len(block)
+        return Seal(self._digest.hexdigest(), self._size)
 
 
 def seal_of(data: bytes) -> Seal:

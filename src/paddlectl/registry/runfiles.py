@@ -1,7 +1,8 @@
 """A run's folder: its tables and documents, its checkpoints, and who holds it."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,13 @@ class RunFiles:
             path, data = self._read(run, name, "jsonl")
             return [] if data is None else documents.rows_of(data, path)
 
+    def each_row(self, run: str, name: str) -> Iterator[dict[str, Any]]:
+        """The rows of the `<name>.jsonl` of a run that goes on, one at a time; nothing if there is none."""
+        with faults(self.shown), suppress(FileNotFoundError):
+            path = documents.file_of(self._run_folder(run), name, "jsonl")
+            with path.open("rb") as file:
+                yield from documents.each_row(file, path)
+
     def write_document(self, run: str, name: str, document: Any) -> None:
         """Writes or replaces the run's `<name>.json` whole."""
         with faults(self.shown):
@@ -69,7 +77,8 @@ class RunFiles:
     def save_checkpoint(self, run: str, document: Any, arrays: bytes) -> None:
         """Keeps all that a run needs to go on, beside its tables as they are now; the last two are kept."""
         with faults(self.shown):
-            checkpoints.save(self._run_folder(run), document, arrays)
+            folder = self._run_folder(run)
+            checkpoints.save(folder, document, arrays, self._tables.seals(folder))
 
     def rewind(self, run: str) -> checkpoints.Checkpoint | None:
         """Cuts the run's tables back to its newest whole checkpoint, and gives that; None if it had none yet.
@@ -78,12 +87,20 @@ class RunFiles:
             IntegrityError: If it has checkpoints, but none of them is whole.
         """
         with faults(self.shown):
-            return checkpoints.rewind(self._run_folder(run))
+            folder = self._run_folder(run)
+            self._tables.forget(folder)
+            return checkpoints.rewind(folder)
 
     def drop_checkpoints(self, run: str) -> None:
         """Frees their space once the run is finished."""
         with faults(self.shown):
-            checkpoints.drop(self._run_folder(run))
+            folder = self._run_folder(run)
+            self._tables.forget(folder)
+            checkpoints.drop(folder)
+
+    @cached_property
+    def _tables(self) -> checkpoints.Tables:
+        return checkpoints.Tables()
 
     def _read(self, run: str, name: str, suffix: str) -> tuple[Path, bytes | None]:
         path = documents.file_of(self._run_folder(run), name, suffix)
