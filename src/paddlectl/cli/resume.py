@@ -40,6 +40,9 @@ def resume(
 
     with Registry.open(registry, create=False) as opened:
         stopped = stopped_runs(opened, runs or [], every_stopped)
+    if not stopped:
+        print_json({"runs": []}) if as_json else print_text(["no run was stopped"])
+        return
     with stdout_kept():
         from paddlectl.cli.running import run
         from paddlectl.experiments.jobs import ResumeJob
@@ -53,7 +56,7 @@ def resume(
     if as_json:
         print_json({"runs": rows})
     else:
-        print_text([table(RESUMED, rows, "Resumed")] if rows else ["no run was stopped"])
+        print_text([table(RESUMED, rows, "Resumed")])
 
 
 def stopped_runs(registry: "Registry", names: "Sequence[str]", every: bool) -> "list[RunRecord]":
@@ -63,15 +66,12 @@ def stopped_runs(registry: "Registry", names: "Sequence[str]", every: bool) -> "
         UsageError: If neither or both is asked for.
         NotFoundError: If there is no such run.
     """
-    from paddlectl.registry.layout import is_held
-
     if every == bool(names):
         raise UsageError("which run?", "name it, as in: paddlectl resume run-7, or say --all")
     if names:
         return [registry.run(name) for name in dict.fromkeys(names)]
-    ended = ("finished", "failed")
-    stopped = [run for run in reversed(registry.runs()) if run.status not in ended and run.method != "random"]
-    return [run for run in stopped if not is_held(registry.folder / "runs" / run.id)]
+    stopped = [run for run in registry.unfinished_runs() if run.method != "random"]
+    return [run for run in stopped if not registry.goes_on(run.id)]
 
 
 def warn_of_versions(run: "RunRecord") -> None:
