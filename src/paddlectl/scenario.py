@@ -16,6 +16,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from paddlectl.errors import InvalidFileError, NotFoundError
+from paddlectl.registry import fields
 from paddlectl.tasks.suite import load, names
 from paddlectl.transfer.guidance import PaperSettings
 
@@ -36,8 +37,10 @@ class _Closed(BaseModel):
 
 
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
-Seed = Annotated[int, Field(ge=0, lt=2**32)]
-Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.,+-]*$")]
+Seed = Annotated[int, Field(ge=0, lt=fields.SEEDS)]
+Name = Annotated[
+    str, Field(min_length=1, max_length=fields.LONGEST_SCENARIO, pattern=f"^({fields.SCENARIO})$")
+]
 
 
 class Similarity(_Closed):
@@ -94,10 +97,10 @@ class Scenario(_Closed):
 
     name: Name
     target: str
-    sources: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)]
+    sources: Annotated[tuple[str, ...], Field(min_length=1, max_length=fields.MOST_SOURCES)]
     method: str = METHODS[0]
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=1000)] = (0,)
-    frames: Annotated[int, Field(gt=0, le=10**12)] = 400_000
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=fields.MOST_SEEDS)] = (0,)
+    frames: Annotated[int, Field(gt=0, le=fields.MOST_FRAMES)] = 400_000
     similarity: Similarity = Similarity()
     guidance: Guidance = Guidance()
 

@@ -4,8 +4,10 @@ import subprocess
 from collections.abc import Callable
 
 import pytest
+from sqlalchemy import update
 
 from paddlectl.experiments.jobs import TransferJob
+from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
 from samples import GAP_BALL, ROOT, TARGET, Command, add_source, add_transfer, body, program
 
@@ -192,7 +194,8 @@ def test_an_unknown_width_and_a_narrow_encoding(registry: Registry, process: Pro
 
 
 def test_stored_text_is_no_markup_and_steers_no_terminal(registry: Registry, command: Command) -> None:
-    add_transfer(registry, scenario="[red]A[/red]\x1b[2J\x9b\u202e")
+    with registry.mending() as connection:
+        connection.execute(update(runs).values(scenario="[red]A[/red]\x1b[2J\x9b\u202e"))
     out = command("runs").out
     assert "[red" in out
     assert not set("\x1b\x9b\u202e") & set(out)

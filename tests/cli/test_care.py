@@ -9,9 +9,12 @@ import sys
 import time
 from pathlib import Path
 
+from sqlalchemy import update
+
+from paddlectl.registry.schema import policies, runs
 from paddlectl.registry.store import Registry
 from released import rebuilt
-from samples import ROOT, Command, add_source
+from samples import ROOT, Command
 
 BAD = "\x1b[2J[red]x[/red]\u202e"
 
@@ -98,7 +101,9 @@ def test_an_older_registry_is_upgraded(command: Command, tmp_path: Path) -> None
 
 
 def test_what_is_stored_cant_steer_a_terminal(registry: Registry, command: Command) -> None:
-    add_source(registry, BAD, "0.5 :: gt_key()")
+    with registry.mending() as connection:
+        for table in (runs, policies):
+            connection.execute(update(table).where(table.c.id == 1).values(task=BAD))
     (registry.folder / "objects" / f"{BAD}".replace("/", "")).write_text("x")
     for line in ("policies", "runs", "registry check", "registry repair", f"show {BAD}"):
         answer = command(*line.split())

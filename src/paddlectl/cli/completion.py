@@ -1,9 +1,12 @@
 """What the shell is offered: tasks, policies, runs, files; silence if there is trouble."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from paddlectl.registry.records import Label
 
 T = TypeVar("T")
 
@@ -30,25 +33,30 @@ def task_names() -> list[str]:
 def policy_names(registry: str | None) -> list[tuple[str, str]]:
     from paddlectl.registry.store import Registry
 
-    policies = Registry.open(registry or "registry", create=False).policies()
-    best = [(task, "its best policy") for task in dict.fromkeys(policy.task for policy in policies)]
-    return best + [(policy.id, f"{policy.task}, {policy.method}") for policy in policies]
+    opened = Registry.open(registry or "registry", create=False)
+    labels = opened.labels("policy")
+    best = [(task, "its best policy") for task in dict.fromkeys(label.task for label in labels)]
+    return best + _told(labels)
 
 
 @_quiet
 def run_names(registry: str | None) -> list[tuple[str, str]]:
     from paddlectl.registry.store import Registry
 
-    runs = Registry.open(registry or "registry", create=False).runs()
-    return [("latest", "the newest transfer")] + [(run.id, f"{run.method} on {run.task}") for run in runs]
+    opened = Registry.open(registry or "registry", create=False)
+    return [("latest", "the newest transfer"), *_told(opened.labels("run"))]
 
 
 @_quiet
 def stopped_names(registry: str | None) -> list[tuple[str, str]]:
     from paddlectl.registry.store import Registry
 
-    runs = Registry.open(registry or "registry", create=False).runs()
-    return [(run.id, f"{run.method} on {run.task}") for run in runs if run.status != "finished"]
+    opened = Registry.open(registry or "registry", create=False)
+    return _told(opened.labels("run", unfinished=True))
+
+
+def _told(labels: "Iterable[Label]") -> list[tuple[str, str]]:
+    return [(label.id, f"{label.method} on {label.task}") for label in labels]
 
 
 @_quiet

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from paddlectl.cli.options import AsJson, PolicyName, RegistryPlace, complete_tasks
+from paddlectl.registry.fields import SEEDS
 
 EXAMPLE = "Example: paddlectl evaluate BoxDoor --episodes 200 --json"
 
@@ -22,7 +23,7 @@ def evaluate(
     ] = None,
     episodes: Annotated[int, typer.Option(min=1, max=1_000_000, metavar="N", help="Layouts to play.")] = 200,
     seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, metavar="N", help="Decides the layouts.")
+        int, typer.Option(min=0, max=SEEDS - 1, metavar="N", help="Decides the layouts.")
     ] = 12345,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,

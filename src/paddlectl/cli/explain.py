@@ -44,9 +44,8 @@ def transfer_run(registry: "Registry", run: str) -> "RunRecord":
         NotFoundError: If there is none, or it isn't a transfer.
     """
     if run == LATEST:
-        for record in registry.runs():
-            if record.kind == "transfer":
-                return record
+        if newest := registry.newest_transfer():
+            return newest
         raise NotFoundError(
             f"no transfer in {registry.location}", "run: paddlectl transfer scenarios/A.yaml --train-missing"
         )

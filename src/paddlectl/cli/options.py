@@ -5,9 +5,10 @@ from typing import Annotated
 import typer
 
 from paddlectl.errors import UsageError
+from paddlectl.registry.fields import MOST_SEEDS, SEEDS
 
 REGISTRY = "PADDLECTL_REGISTRY"
-MOST_SEEDS = 1000
+LISTED = 50
 
 
 def complete_tasks(incomplete: str) -> list[str]:
@@ -49,6 +50,11 @@ RegistryPlace = Annotated[
     str,
     typer.Option("--registry", envvar=REGISTRY, metavar="FOLDER", help="Where policies and runs are kept."),
 ]
+EveryRow = Annotated[bool, typer.Option("--all", help="All of them.")]
+MostRows = Annotated[
+    int | None,
+    typer.Option("--limit", min=1, metavar="N", help="The newest N; 50 without.", show_default=False),
+]
 CheckpointEvery = Annotated[
     float | None,
     typer.Option(
@@ -81,6 +87,17 @@ ManySeeds = Annotated[
         "--seeds", metavar="N-M", help="Several: 0-5, or 0,3,7; run side by side.", show_default=False
     ),
 ]
+
+
+def most_rows(every: bool, limit: int | None) -> int | None:
+    """How many rows `--all` and `--limit` ask for; None is all.
+
+    Raises:
+        UsageError: If both are given.
+    """
+    if every and limit is not None:
+        raise UsageError("--all and --limit exclude each other")
+    return None if every else limit or LISTED
 
 
 def chosen_seeds(seed: int | None, seeds: str | None, default: tuple[int, ...]) -> tuple[int, ...]:
@@ -118,6 +135,6 @@ def _seed_range(part: str, text: str) -> range:
     if not all(number.isascii() and number.isdigit() and len(number) <= 10 for number in numbers):
         raise UsageError(f"not seeds: {text!r}", "write them as 0-5 or 0,3,7")
     low, high = int(numbers[0]), int(numbers[1])
-    if low > high or high >= 2**32:
+    if low > high or high >= SEEDS:
         raise UsageError(f"not seeds: {text!r}", "the lower one first, all below 2^32")
     return range(low, high + 1)[: MOST_SEEDS + 1]

@@ -1,19 +1,25 @@
 """`paddlectl policies`."""
 
-from paddlectl.cli.options import AsJson, RegistryPlace
+from paddlectl.cli.options import AsJson, EveryRow, MostRows, RegistryPlace, most_rows
 
 EXAMPLE = "Example: paddlectl policies --json"
 
 
-def policies(registry: RegistryPlace = "registry", as_json: AsJson = False) -> None:
+def policies(
+    every: EveryRow = False,
+    limit: MostRows = None,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
     """List the policies in the registry, newest first."""
     from paddlectl.registry.store import Registry
     from paddlectl.report.documents import policies_document
     from paddlectl.report.output import print_json, print_text
-    from paddlectl.report.tables import POLICIES, table
+    from paddlectl.report.tables import POLICIES, listed
 
-    document = policies_document(Registry.open(registry, create=False).policies())
+    most = most_rows(every, limit)
+    document = policies_document(*Registry.open(registry, create=False).newest_policies(most))
     if as_json:
         print_json(document)
     else:
-        print_text([table(POLICIES, document["policies"])])
+        print_text(listed(POLICIES, document["policies"], document["total"]))

@@ -64,14 +64,16 @@ def resumable(
         UsageError: If neither or both is asked for.
         PaddlectlError: What is wrong with the run, if only one is asked for.
     """
+    if every == bool(names):
+        raise UsageError("which run?", "name it, as in: paddlectl resume run-7, or say --all")
+    names = list(dict.fromkeys(names)) or [run.id for run in stopped_runs(registry)]
+    if not names:  # and nothing that takes long to load
+        return [], {}
     from paddlectl.cli.running import Asked
     from paddlectl.experiments.jobs import Failure, ResumeJob
     from paddlectl.experiments.pace import require_resumable
 
-    if every == bool(names):
-        raise UsageError("which run?", "name it, as in: paddlectl resume run-7, or say --all")
     asked, refused = [], {}
-    names = list(dict.fromkeys(names)) or [run.id for run in stopped_runs(registry)]
     for name in names:
         try:
             run = registry.run(name)
@@ -89,11 +91,8 @@ def resumable(
 
 def stopped_runs(registry: "Registry") -> "list[RunRecord]":
     """All runs that were stopped and that nobody goes on with, the oldest first."""
-    from paddlectl.registry.layout import is_held
-
-    ended = ("finished", "failed")
-    stopped = [run for run in reversed(registry.runs()) if run.status not in ended and run.method != "random"]
-    return [run for run in stopped if not is_held(registry.folder / "runs" / run.id)]
+    stopped = [run for run in registry.unfinished_runs() if run.method != "random"]
+    return [run for run in stopped if not registry.goes_on(run.id)]
 
 
 def warn_of_versions(run: "RunRecord") -> None:

@@ -109,8 +109,7 @@ def _another(target: "Task") -> str:
 
 
 def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":
-    solved = {policy.task for policy in registry.policies() if policy.domain == target.domain}
-    return [registry.policy(task) for task in sorted(solved - {target.name})]
+    return [registry.policy(task) for task in registry.solved(target.domain) if task != target.name]
 
 
 def similarity_document(

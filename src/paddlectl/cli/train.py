@@ -15,6 +15,7 @@ from paddlectl.cli.options import (
     complete_tasks,
 )
 from paddlectl.errors import NotFoundError
+from paddlectl.registry.fields import MOST_FRAMES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,7 +40,9 @@ def train(
     seeds: ManySeeds = None,
     frames: Annotated[
         int | None,
-        typer.Option(min=1, metavar="N", help="At most so many environment steps.", show_default=False),
+        typer.Option(
+            min=1, max=MOST_FRAMES, metavar="N", help="At most so many environment steps.", show_default=False
+        ),
     ] = None,
     preset: Annotated[
         str | None,

@@ -16,6 +16,7 @@ from paddlectl.cli.options import (
     complete_scenarios,
 )
 from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.registry.fields import MOST_FRAMES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,7 +47,11 @@ def transfer(
     frames: Annotated[
         int | None,
         typer.Option(
-            min=1, metavar="N", help="Environment steps, instead of the scenario's.", show_default=False
+            min=1,
+            max=MOST_FRAMES,
+            metavar="N",
+            help="Environment steps, instead of the scenario's.",
+            show_default=False,
         ),
     ] = None,
     train_missing: Annotated[
@@ -120,7 +125,7 @@ def source_policies(
     Raises:
         NotFoundError: If a source has no policy and none is to be trained.
     """
-    solved = {policy.task for policy in registry.policies()}
+    solved = registry.solved()
     missing = [task for task in scenario.sources if task not in solved]
     if missing and not train_missing:
         raise NotFoundError(

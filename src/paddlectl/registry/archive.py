@@ -12,12 +12,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from paddlectl.errors import IntegrityError, NotFoundError
+from paddlectl.registry.fields import TABLE
 
 LARGEST = 64 << 20
 """Bytes of an archive; what is learned takes a tenth of it."""
 
 _MOST_MEMBERS = 64
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}(/[a-z][a-z0-9_]{0,63})?\.[a-z]{1,16}")
+_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_]{{0,63}}(/{TABLE})?\.[a-z]{{1,16}}")
 _DATE = (1980, 1, 1, 0, 0, 0)
 _MODE = 0o100644
 _UNIX = 3

@@ -4,8 +4,7 @@ Nothing in it depends on the registry that it came from, so it is the same byte 
 again elsewhere. README.md and program.pl are for people and other programs; they are written, never read.
 """
 
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,37 +13,15 @@ import safetensors
 from paddlectl.errors import IntegrityError, InvalidFileError, PaddlectlError, UsageError
 from paddlectl.logic.prolog import format_prolog
 from paddlectl.logic.syntax import parse_program
-from paddlectl.registry import archive, documents, layout, manifests
+from paddlectl.registry import archive, documents, fields, layout, manifests
 from paddlectl.registry.card import card
 from paddlectl.registry.names import ELSEWHERE, is_id
 from paddlectl.registry.objects import write_atomically
-from paddlectl.registry.records import RUN_STATES, PolicyRecord, RunRecord
+from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 
 FORMAT = "paddlectl bundle 1"
 _LONGEST_DOCUMENT = 1 << 20
-_RUN = {
-    "kind": r"train|transfer",
-    "method": r"[a-z][a-z0-9_-]{0,31}",
-    "task": r"[A-Za-z][A-Za-z0-9_-]{0,63}",
-    "scenario": r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,63}",
-    "sources": [r"policy-[1-9][0-9]{0,17}"],
-    "seed": int,
-    "status": "|".join(RUN_STATES[1:]),
-    "settings": dict,
-    "versions": dict,
-    "frames": int,
-    "episodes": int,
-    "seconds": float,
-    "created": r"[0-9T:.+-]{19,32}",
-    "finished": r"[0-9T:.+-]{19,32}",
-}
-_POLICY = {name: _RUN[name] for name in ("task", "method", "seed", "frames", "created")} | {
-    "domain": _RUN["task"],
-    "metadata": dict,
-}
-_FIGURES = {"success_rate": float, "mean_score": float, "mean_length": float, "crispness": float}
-_OPTIONAL = {"scenario", "finished"}
 
 
 # Export
@@ -68,7 +45,11 @@ def export(registry: Registry, name: str, path: Path) -> dict[str, Any]:
         run = registry.run(policy.run)
     if run.status == "running":
         raise UsageError(f"{run.id} goes on", "export it when it has ended")
-    data = archive.pack(_members(run, policy, registry.read_checkpoint(policy) if policy else b"", tables))
+    members = _members(run, policy, registry.read_checkpoint(policy) if policy else b"", tables)
+    _sound(
+        members, f"{name} can't be exported", "run: paddlectl registry check"
+    )  # else import would refuse it
+    data = archive.pack(members)
     if len(data) > archive.LARGEST:
         raise PaddlectlError(f"{name} is too large for a bundle: {len(data):,} bytes")
     write_atomically(path, data)
@@ -87,16 +68,16 @@ def _tables(registry: Registry, run: RunRecord) -> dict[str, bytes]:
 def _members(
     run: RunRecord, policy: PolicyRecord | None, checkpoint: bytes, tables: dict[str, bytes]
 ) -> dict[str, bytes]:
-    told = {name: getattr(run, name) for name in _RUN}
+    told = {name: getattr(run, name) for name in fields.RUN}
     told["sources"] = [source.removeprefix(ELSEWHERE) for source in run.sources]
     config = {
         "format": FORMAT,
         "run": told,
-        "policy": policy and {name: getattr(policy, name) for name in _POLICY},
+        "policy": policy and {name: getattr(policy, name) for name in fields.POLICY},
     }
     results = {
         "run": run.results,
-        "policy": policy and {name: getattr(policy, name) for name in _FIGURES},
+        "policy": policy and {name: getattr(policy, name) for name in fields.FIGURES},
     }
     members = {"config.json": _json(config), "results.json": _json(results)}
     if policy:
@@ -143,11 +124,7 @@ def import_(opened: Callable[[], Registry], path: Path) -> dict[str, Any]:
     """
     where = str(path)
     members = archive.unpack(archive.load(path), where)
-    try:
-        config, results, tables = _checked(members, where)
-    except (KeyError, TypeError, AttributeError, UnicodeDecodeError, PaddlectlError) as error:
-        what = error.message if isinstance(error, PaddlectlError) else f"{type(error).__name__} {error}"
-        raise IntegrityError(f"{where} is no sound bundle: {what[:200]}", "have it exported again") from None
+    config, results, tables = _sound(members, f"{where} is no sound bundle", "have it exported again")
     run = config["run"]
     run["sources"] = [f"{ELSEWHERE}{source}" for source in run["sources"]]
     run["results"] = results["run"]
@@ -158,9 +135,22 @@ def import_(opened: Callable[[], Registry], path: Path) -> dict[str, Any]:
         return registry.adopt(run, tables, policy, members.get("model.safetensors", b""))
 
 
-def _checked(members: dict[str, bytes], where: str) -> tuple[Any, Any, dict[str, bytes]]:
-    """Config, results and tables of a bundle that is in order."""
-    seals = _document(members.pop("manifest.json"), "manifest.json")
+def _sound(members: dict[str, bytes], otherwise: str, hint: str) -> tuple[Any, Any, dict[str, bytes]]:
+    """Config, results and tables of a bundle.
+
+    Raises:
+        IntegrityError: If it isn't in order.
+    """
+    try:
+        return _checked(members)
+    except (KeyError, TypeError, AttributeError, UnicodeDecodeError, PaddlectlError) as error:
+        what = error.message if isinstance(error, PaddlectlError) else f"{type(error).__name__} {error}"
+        raise IntegrityError(f"{otherwise}: {what[:200]}", hint) from None
+
+
+def _checked(members: dict[str, bytes]) -> tuple[Any, Any, dict[str, bytes]]:
+    seals = _document(members["manifest.json"], "manifest.json")
+    members = {name: data for name, data in members.items() if name != "manifest.json"}
     if seals != _seals(members):
         raise IntegrityError("a file isn't what its manifest says (SHA-256 differs)")
     config = _document(members["config.json"], "config.json")
@@ -173,13 +163,11 @@ def _checked(members: dict[str, bytes], where: str) -> tuple[Any, Any, dict[str,
     expected += ["program.txt", "program.pl", "model.safetensors"] if policy is not None else []
     if list(members) != expected + [f"run/{name}" for name in sorted(tables)]:
         raise IntegrityError("it has other files than a bundle has")
-    _demand(config["run"], _RUN, "run")
+    _demand(config["run"], fields.RUN, "run")
     _demand(results, {"run": dict, "policy": dict}, "results", optional={"policy"})
     if policy is not None:
-        _demand(policy, _POLICY, "policy")
-        _demand(results["policy"], _FIGURES, "results")
-        if not all(0.0 <= results["policy"][rate] <= 1.0 for rate in ("success_rate", "crispness")):
-            raise IntegrityError("a rate lies in [0, 1]")
+        _demand(policy, fields.POLICY, "policy")
+        _demand(results["policy"], fields.FIGURES, "results")
         _program(members["program.txt"].decode(), "it")
         _demand_tensors(members["model.safetensors"])
     for name, data in tables.items():
@@ -196,23 +184,13 @@ def _document(data: bytes, name: str) -> Any:
     return value
 
 
-def _demand(value: Any, fields: dict[str, Any], what: str, optional: set[str] = _OPTIONAL) -> None:
-    if not isinstance(value, dict) or value.keys() != fields.keys():
+def _demand(
+    value: Any, kinds: Mapping[str, Any], what: str, optional: Collection[str] = fields.OPTIONAL
+) -> None:
+    if not isinstance(value, dict) or value.keys() != kinds.keys():
         raise IntegrityError(f"{what} has other fields than it should")
-    for name, kind in fields.items():
-        if not (value[name] is None and name in optional) and not _is(kind, value[name]):
-            raise IntegrityError(f"{what}: {name} can't be {str(value[name])[:60]!r}")
-
-
-def _is(kind: Any, value: Any) -> bool:
-    """Whether a value is of a type, matches a pattern, or is a list of what matches it."""
-    if isinstance(kind, list):
-        return isinstance(value, list) and len(value) <= 1000 and all(_is(kind[0], item) for item in value)
-    if isinstance(kind, str):
-        return isinstance(value, str) and re.fullmatch(kind, value) is not None
-    if kind is int:
-        return type(value) is int and 0 <= value < 2**63
-    return type(value) is kind
+    if wrong := fields.misfit(value, kinds, optional):
+        raise IntegrityError(f"{what}: {wrong}")
 
 
 def _demand_tensors(data: bytes) -> None:

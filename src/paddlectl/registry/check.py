@@ -5,8 +5,8 @@ are all bytes, by their SHA-256.
 """
 
 import os
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +17,30 @@ from paddlectl.logic.syntax import parse_program
 from paddlectl.registry import layout, manifests
 from paddlectl.registry.database import Database, require_current, stamp
 from paddlectl.registry.faults import faults
-from paddlectl.registry.files import OBJECT, check_contents, check_files
-from paddlectl.registry.findings import Report, entries, inside
+from paddlectl.registry.files import (
+    OBJECT,
+    Rows,
+    check_contents,
+    files_of,
+    objects_of,
+    other_file,
+    other_files,
+)
+from paddlectl.registry.findings import Finding, Report, entries
 from paddlectl.registry.manifests import Manifest
-from paddlectl.registry.names import ELSEWHERE, is_id
+from paddlectl.registry.names import ELSEWHERE, is_id, number_of
+from paddlectl.registry.queries import rows_of
 from paddlectl.registry.records import RUN_STATES
-from paddlectl.registry.schema import REVISIONS, metadata, policy_record, run_records
+from paddlectl.registry.runfiles import goes_on
+from paddlectl.registry.schema import REVISIONS, metadata, policy_record, run_records, runs
 from paddlectl.registry.store import database_of
 
+Found = dict[str, list[Finding]]
+
 _RATES = ("success_rate", "crispness")
+_TURN = 0.3  # seconds for which others are kept from writing, beside the reading of the rows
+_PAUSE = 0.2  # seconds in which they may
+_LOOKS = 3
 
 
 def check(location: str | Path, *, read_data: bool = False) -> Report:
@@ -38,46 +53,20 @@ def check(location: str | Path, *, read_data: bool = False) -> Report:
     index = database_of(location)
     report = Report()
     with faults(index.shown):
-        if not index.exists():
-            _missing_index(report, index)
-            _read_manifests(report, index.folder)
-            check_files(report, index.folder)
+        if index.exists():
+            _index(report, index)
         else:
-            _under_lock(report, index)
-        if read_data and not report.older:
+            _missing_index(report, index)
+        if report.older:  # and has no manifests yet
+            return report
+        found = _look(report, index.folder)
+        if report.readable:
+            _look_again(report, index, found)
+        report.findings += dict.fromkeys(finding for told in found.values() for finding in told)
+        _stopped_runs(report, index)
+        if read_data:
             check_contents(report, index.folder)
     return report
-
-
-def _under_lock(report: Report, index: Database) -> None:
-    with _looked_into(report, index) as connection:
-        if connection is not None:
-            _index(report, index, connection)
-        if report.older:  # and has no manifests yet
-            return
-        _read_manifests(report, index.folder)
-        if connection is not None:
-            _agreement(report, index.folder)
-        check_files(report, index.folder)
-
-
-@contextmanager
-def _looked_into(report: Report, index: Database) -> Iterator[Connection | None]:
-    """A transaction that keeps writers waiting; None if the index can't be read."""
-    try:
-        with faults(index.shown):
-            for what in index.faults():
-                report.add("damaged index", index.file, what)
-        engine = index.writing() if os.access(index.folder, os.W_OK) else index.reading()
-        with faults(index.shown):
-            connection = engine.connect()
-            connection.begin()
-    except IntegrityError as error:
-        report.add("damaged index", index.file, error.message)
-        yield None
-        return
-    with connection:
-        yield connection
 
 
 def _missing_index(report: Report, index: Database) -> None:
@@ -92,19 +81,24 @@ def _missing_index(report: Report, index: Database) -> None:
 # The index
 
 
-def _index(report: Report, index: Database, connection: Connection) -> None:
+def _index(report: Report, index: Database) -> None:
     try:
         with faults(index.shown):
-            found = stamp(connection, index.file)
-            if found not in REVISIONS:
-                require_current(connection, index.file)
-            if found != REVISIONS[-1]:
-                report.add(
-                    "older schema", index.file, f"schema {found}: the next use upgrades it", fault=False
-                )
-                return
-            _tables(report, index, connection)
+            for what in index.faults():
+                report.add("damaged index", index.file, what)
+            with index.reading().begin() as connection:
+                found = stamp(connection, index.file)
+                if found not in REVISIONS:
+                    require_current(connection, index.file)
+                if found != REVISIONS[-1]:
+                    what = f"schema {found}: the next use upgrades it"
+                    report.add("older schema", index.file, what, fault=False)
+                    return
+                _tables(report, index, connection)
+                report.rows = rows_of(connection)
             report.readable = True
+            for name in report.rows:
+                _row(report, name)
     except IntegrityError as error:
         report.add("damaged index", index.file, error.message)
 
@@ -119,12 +113,6 @@ def _tables(report: Report, index: Database, connection: Connection) -> None:
             raise IntegrityError(f"the table {table.name} lacks the column {min(lost)}")
         if {str(i.name) for i in table.indexes} - {str(i["name"]) for i in there.get_indexes(table.name)}:
             report.add("missing database index", index.file, f"an index of {table.name} is missing")
-    for kind, table in layout.ROW_TABLES.items():
-        for row in connection.execute(select(table)):
-            values = dict(zip(table.columns.keys(), row, strict=True))
-            report.rows[f"{kind}-{values['id']}"] = values
-    for name in list(report.rows):
-        _row(report, name)
 
 
 def _row(report: Report, name: str) -> None:
@@ -164,46 +152,102 @@ def _policy_row(report: Report, name: str, row: dict[str, Any]) -> None:
         report.add("damaged program", name, f"its program can't be read: {error.message}")
 
 
-# Manifests
+# Rows, manifests and files, one thing after another while others write
 
 
-def _read_manifests(report: Report, folder: Path) -> None:
-    for path in entries(folder / manifests.FOLDER):
-        if path.name.endswith(".part"):
-            report.add("leftover", inside(folder, path), "a writer was stopped", fault=False)
-        elif path.suffix != ".json" or not is_id(path.stem):
-            report.add("stray file", inside(folder, path), "nothing of the registry's is called so")
-        else:
-            _collect(report, folder, path.stem)
+def _look(report: Report, folder: Path) -> Found:
+    """What is found at each run, policy and other file; none is left out in which nothing is found."""
+    names = {*report.rows, *manifests.names(folder)}
+    names |= {path.name for path in entries(folder / "runs") if number_of(path.name, "run")}
+    rows = report.rows
+    found = {
+        name: _look_at(report, folder, name, rows.get(name), rows) for name in sorted(names, reverse=True)
+    }  # runs before policies
+    objects = objects_of(report, rows)
+    return found | {path: list(other_file(folder, path, objects)) for path in other_files(folder)}
 
 
-def _collect(report: Report, folder: Path, name: str) -> None:
+def _look_again(report: Report, index: Database, found: Found) -> None:
+    """Where something was found, others may have been at it: it is looked at while nobody writes.
+
+    Who may not write here can't keep others from it, and looks a few times instead.
+    """
+    alone = os.access(index.folder, os.W_OK)
+    for _ in range(1 if alone else _LOOKS):
+        left = [name for name in found if found[name]]
+        while left:
+            with (index.writing() if alone else index.reading()).begin() as connection:
+                left = _looked_at(report, index.folder, found, left, rows_of(connection))
+            if left or not alone:
+                time.sleep(_PAUSE)
+
+
+def _looked_at(
+    report: Report, folder: Path, found: Found, left: list[str], rows: dict[str, dict[str, Any]]
+) -> list[str]:
+    """Looks at some of what is left, for a moment; gives the rest."""
+    until = time.monotonic() + _TURN
+    for done, name in enumerate(left):
+        if done and time.monotonic() > until:
+            return left[done:]
+        if not is_id(name):
+            found[name] = list(other_file(folder, name, objects_of(report, rows)))
+            continue
+        report.rows.pop(name, None)
+        if name in rows:
+            report.rows[name] = rows[name]
+        found[name] = _look_at(report, folder, name, rows.get(name), rows)
+    return []
+
+
+def _look_at(
+    report: Report, folder: Path, name: str, row: Mapping[str, Any] | None, rows: Rows
+) -> list[Finding]:
+    report.manifests.pop(name, None)
+    found: list[Finding] = []
     try:
         with faults(str(folder)):
             report.manifests[name] = manifests.read(folder, name)
     except PaddlectlError as error:
-        report.add("damaged manifest", name, error.message)
+        if manifests.path_of(folder, name).exists():
+            found.append(Finding("damaged manifest", name, error.message))
+    if report.readable:
+        found += _agreement(report, folder, name, row, rows)
+    return found + list(files_of(report, folder, name, row))
 
 
-def _agreement(report: Report, folder: Path) -> None:
-    """Rows against manifests; nobody writes meanwhile."""
-    if not report.readable:
-        return
-    for name, row in report.rows.items():
-        manifest = report.manifests.get(name)
-        if manifest is None and not manifests.path_of(folder, name).exists():
-            report.add("missing manifest", name, "its manifest is missing")
-        elif manifest is not None and manifest.row != row and not _ended_amid(row, manifest, folder):
-            report.add("other row", name, "the index and the manifest don't say the same")
-        if row.get("status") == "running" and not layout.is_held(folder / "runs" / name):
+def _agreement(
+    report: Report, folder: Path, name: str, row: Mapping[str, Any] | None, rows: Rows
+) -> Iterator[Finding]:
+    """Row against manifest."""
+    manifest = report.manifests.get(name)
+    if row is None:
+        if manifest is not None:
+            yield _lost_row(report, folder, name, manifest, rows)
+    elif manifest is None:
+        if not manifests.path_of(folder, name).exists():
+            yield Finding("missing manifest", name, "its manifest is missing")
+    elif manifest.row != row and not _ended_amid(row, manifest):
+        yield Finding("other row", name, "the index and the manifest don't say the same")
+
+
+def _stopped_runs(report: Report, index: Database) -> None:
+    """Runs that are said to go on, but no process does: neither before nor after the row was read."""
+
+    def left(names: Iterable[str]) -> list[str]:
+        return [name for name in names if not goes_on(index.folder, name)]
+
+    stopped = left(name for name, row in report.rows.items() if row.get("status") == "running")
+    if stopped:
+        with index.reading().begin() as connection:
+            running = select(runs.c.id).where(runs.c.status == "running")
+            known = {f"run-{number}" for number in connection.scalars(running)}
+        for name in left(name for name in stopped if name in known):
             what = f"no process goes on with it; run: paddlectl resume {name}"
             report.add("stopped run", name, what, fault=False)
-    for name, manifest in report.manifests.items():
-        if name not in report.rows:
-            _lost_row(report, folder, name, manifest)
 
 
-def _ended_amid(row: dict[str, Any], manifest: Manifest, folder: Path) -> bool:
+def _ended_amid(row: Mapping[str, Any], manifest: Manifest) -> bool:
     """Whether the process died between a run's manifest and its row: what neither can know differs."""
     changing = {"status", "frames", "episodes", "seconds", "results", "finished", "resumes"}
     told = manifest.row
@@ -212,18 +256,17 @@ def _ended_amid(row: dict[str, Any], manifest: Manifest, folder: Path) -> bool:
     return died and fixed == {k: v for k, v in told.items() if k not in changing}
 
 
-def _lost_row(report: Report, folder: Path, name: str, manifest: Manifest) -> None:
+def _lost_row(report: Report, folder: Path, name: str, manifest: Manifest, rows: Rows) -> Finding:
     """A manifest without a row: what was published is lost, or a process died before it had published."""
     run = name if name.startswith("run-") else f"run-{manifest.row.get('run')}"
-    row, told = report.rows.get(run), report.manifests.get(run)
+    row, told = rows.get(run), report.manifests.get(run)
     if row is not None:
         died = row["status"] != "finished"
     else:
         died = told is not None and told.row.get("status") == "running" and not _began(folder / "runs" / run)
     if died:
-        report.add("leftover", name, "its process died before it was entered", fault=False)
-    else:
-        report.add("lost row", name, "it has a manifest, but isn't in the index")
+        return Finding("leftover", name, "its process died before it was entered", fault=False)
+    return Finding("lost row", name, "it has a manifest, but isn't in the index")
 
 
 def _began(run: Path) -> bool:

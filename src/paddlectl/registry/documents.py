@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
 from paddlectl.errors import IntegrityError, PaddlectlError
+from paddlectl.registry.fields import TABLE
 from paddlectl.registry.objects import write_atomically
 
-_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
+_NAME = re.compile(TABLE)
 _BLOCK = 65536
 
 

@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from sqlalchemy import Connection, Engine, delete, insert, update
@@ -39,17 +39,17 @@ class Entry(RunFiles):
         for name in ("sources", "settings", "versions", "results"):
             row[name] = documents.to_json(row[name], name)
         learned = None
-        with faults(self.shown):
-            if policy is not None:
-                digest = objects.publish(self.folder / "objects", checkpoint)
-                extra = documents.to_json(policy["metadata"], "metadata")
-                learned = {**policy, "metadata": extra, "checkpoint": digest}
+        if policy is not None:
+            extra = documents.to_json(policy["metadata"], "metadata")
+            learned = {**policy, "metadata": extra, "checkpoint": self._bring_object(checkpoint)}
         with self._transaction(self._writing) as connection:
             for known in same_runs(connection, row, learned):
                 folder = self.folder / "runs" / known["run"]
                 if all((folder / table).exists() for table in tables):
                     return {**known, "known": True}
             published: list[str] = []
+            if policy is not None:
+                self._keep_object(checkpoint)
             try:
                 return self._adopt(connection, row, tables, learned, published)
             except BaseException:
@@ -88,6 +88,20 @@ class Entry(RunFiles):
             shutil.rmtree(folder, ignore_errors=True)
             if not folder.exists():  # else the manifest tells `gc` of it
                 manifests.path_of(self.folder, name).unlink(missing_ok=True)
+
+    def _bring_object(self, data: bytes) -> str:
+        """Stores a policy's object, so that no transaction waits for it, and gives its name.
+
+        `gc` may come first and take it away again, even half-written.
+        """
+        with faults(self.shown), suppress(FileNotFoundError):
+            objects.publish(self.folder / "objects", data)
+        return manifests.seal_of(data).sha256
+
+    def _keep_object(self, data: bytes) -> None:
+        """Makes sure in the transaction of its row that the object is there, from now on for good."""
+        if not objects.object_path(self.folder / "objects", manifests.seal_of(data).sha256).exists():
+            objects.publish(self.folder / "objects", data)
 
     def _insert(self, connection: Connection, kind: str, row: Mapping[str, Any]) -> int:
         """Adds a row under a number that no manifest has, not even one that the index lost."""

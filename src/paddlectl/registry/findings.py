@@ -30,6 +30,7 @@ class Report:
     Attributes:
         rows: Of the index, by the name of the run or policy.
         readable: Whether the index and its tables could be read.
+        sealed: Files that are there and that a manifest knows.
         bytes: Read and hashed; 0 for a check of the structure.
     """
 
@@ -37,11 +38,15 @@ class Report:
     rows: dict[str, dict[str, Any]] = field(default_factory=dict)
     manifests: dict[str, Manifest] = field(default_factory=dict)
     readable: bool = False
-    files: int = 0
+    sealed: set[str] = field(default_factory=set)
     bytes: int = 0
 
     def add(self, kind: str, where: str, what: str, *, fault: bool = True) -> None:
         self.findings.append(Finding(kind, where, what, fault))
+
+    @property
+    def files(self) -> int:
+        return len(self.sealed)
 
     @property
     def older(self) -> bool:
@@ -55,7 +60,10 @@ class Report:
 
 def entries(folder: Path) -> list[Path]:
     """What is in a folder, if that is there."""
-    return sorted(folder.iterdir()) if folder.is_dir() else []
+    try:
+        return sorted(folder.iterdir())
+    except (FileNotFoundError, NotADirectoryError):
+        return []
 
 
 def inside(folder: Path, path: Path) -> str:

@@ -1,13 +1,16 @@
 """`registry gc`: frees what no run and no policy needs any more, and tells what."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from paddlectl.errors import IntegrityError
 from paddlectl.registry import checkpoints, layout, manifests
 from paddlectl.registry.check import check
-from paddlectl.registry.findings import Report
+from paddlectl.registry.files import Rows
+from paddlectl.registry.findings import Report, entries, inside
+from paddlectl.registry.runfiles import kept_still
 from paddlectl.registry.store import Registry
 
 GRACE = 3600.0
@@ -32,15 +35,19 @@ def collect(location: str | Path, *, grace: float = GRACE, dry: bool = False) ->
                 f"{registry.shown} has faults, so nothing was removed: {report.faults[0].what}",
                 "run: paddlectl registry check, then paddlectl registry repair",
             )
+        unneeded = dict.fromkeys(_unneeded(report, registry.folder))
         removed = []
         with registry.alone() as needed:
-            for path in dict.fromkeys(_unneeded(report, registry.folder)):
-                found = path.lstat()
-                if path.name in needed or time.time() - found.st_mtime < grace:
-                    continue
-                removed.append((path.relative_to(registry.folder).as_posix(), found.st_size))
-                if not dry:
-                    path.rmdir() if path.is_dir() else path.unlink()
+            for path in unneeded:
+                with (
+                    suppress(FileNotFoundError),
+                    _kept_free(registry.folder, report.rows, path, needed, dry) as free,
+                ):
+                    found = path.lstat()
+                    if free and time.time() - found.st_mtime >= grace:
+                        if not dry:
+                            path.rmdir() if path.is_dir() else path.unlink()
+                        removed.append((inside(registry.folder, path), found.st_size))
         return removed
 
 
@@ -48,20 +55,35 @@ def _unneeded(report: Report, folder: Path) -> Iterator[Path]:
     for finding in report.findings:
         if finding.kind == "leftover":
             yield from _of_leftover(folder, finding.where)
-    for run in sorted((folder / "runs").iterdir()):
-        numbers = {str(number) for number in checkpoints.numbers(run)}
-        ended = run.name in report.rows and report.rows[run.name]["status"] == "finished"
-        for path in sorted((run / "checkpoints").glob("*")):
-            if ended or path.stem not in numbers:
+    for run in entries(folder / "runs"):
+        for path in entries(run / "checkpoints"):
+            if run.name in report.rows and not _belongs(path, report.rows[run.name]["status"]):
                 yield path
+
+
+def _belongs(path: Path, status: str) -> bool:
+    """Whether a file in a run's `checkpoints` is one that the run may go on from."""
+    return status != "finished" and path.stem in map(str, checkpoints.numbers(path.parents[1]))
+
+
+@contextmanager
+def _kept_free(folder: Path, rows: Rows, path: Path, needed: Collection[str], dry: bool) -> Iterator[bool]:
+    """Whether still nobody needs the file; within the block nobody begins to."""
+    run = path.parents[1] if path.parent.name == "checkpoints" else path.parent
+    if run.parent != folder / "runs":
+        yield path.name not in needed
+    elif run.name not in needed:  # nor can a process begin with it
+        yield not layout.is_held(run)
+    else:
+        status = rows[run.name]["status"] if run.name in rows else "running"
+        with nullcontext(not layout.is_held(run)) if dry else kept_still(run) as still:
+            of_checkpoint = path.parent != run and not _belongs(path, status)
+            yield still and (path.name.endswith(".part") or of_checkpoint)
 
 
 def _of_leftover(folder: Path, where: str) -> Iterator[Path]:
     """What a leftover consists of: a file, or the manifest and the empty folder of a run that never was."""
     run = folder / "runs" / where
-    if run.is_dir() and layout.is_held(run):
-        return
-    files = sorted(run.iterdir()) if run.is_dir() else []
-    for path in (manifests.path_of(folder, where), *files, run, folder / where):
+    for path in (manifests.path_of(folder, where), *entries(run), run, folder / where):
         if path.exists():
             yield path

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from paddlectl.errors import IntegrityError
 from paddlectl.registry.documents import checked, with_hash
+from paddlectl.registry.names import is_id
 from paddlectl.registry.objects import write_atomically
 
 FOLDER = "manifests"
@@ -49,6 +50,11 @@ def path_of(registry: Path, name: str) -> Path:
     return registry / FOLDER / f"{name}.json"
 
 
+def is_one(path: Path) -> bool:
+    """Whether a file in their folder is called as a manifest is."""
+    return path.suffix == ".json" and is_id(path.stem)
+
+
 def write(registry: Path, manifest: Manifest) -> None:
     """Publishes a manifest, whole and on the disk."""
     path = path_of(registry, manifest.name)
@@ -81,7 +87,7 @@ def read(registry: Path, name: str) -> Manifest:
 
 def names(registry: Path) -> list[str]:
     """Of all manifests that there are, unread."""
-    return [path.stem for path in sorted((registry / FOLDER).glob("*.json"))]
+    return [path.stem for path in sorted((registry / FOLDER).glob("*.json")) if is_id(path.stem)]
 
 
 def seal(path: Path) -> Seal:

@@ -1,14 +1,34 @@
-"""Single rows of the index, and what to say of one that isn't there."""
+"""Rows of the index, chosen by the database, and what to say of one that isn't there."""
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from sqlalchemy import Connection, select
+from sqlalchemy import Connection, Table, func, or_, select
 
 from paddlectl.errors import NotFoundError
+from paddlectl.registry.layout import ROW_TABLES
 from paddlectl.registry.names import is_id, nearest, number_of, shown
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.schema import policies, policy_record, run_records, runs, select_runs
+
+_LISTED = 200
+"""Newest ids among which that is looked for which may have been meant."""
+
+
+def rows_of(connection: Connection) -> dict[str, dict[str, Any]]:
+    """All rows, column by column, by the name of the run or policy."""
+    found: dict[str, dict[str, Any]] = {}
+    for kind, table in ROW_TABLES.items():
+        columns = table.columns.keys()
+        for row in connection.execute(select(table)):
+            found[f"{kind}-{row[0]}"] = dict(zip(columns, row, strict=True))
+    return found
+
+
+def count(connection: Connection, table: Table) -> int:
+    """How many rows the table has."""
+    return int(connection.scalar(select(func.count()).select_from(table)) or 0)
 
 
 def find_run(connection: Connection, name: str) -> RunRecord:
@@ -20,7 +40,7 @@ def find_run(connection: Connection, name: str) -> RunRecord:
     number = number_of(name, "run")
     row = connection.execute(select_runs().where(runs.c.id == number)).first() if number else None
     if row is None:
-        known = [f"run-{i}" for i in connection.scalars(select(runs.c.id))]
+        known = _like(connection, runs, "run", name)
         raise NotFoundError(f"no run {shown(name)}", nearest(name, known) + "run: paddlectl runs")
     return run_records([row])[0]
 
@@ -33,9 +53,19 @@ def find_policy(connection: Connection, number: int) -> PolicyRecord:
     """
     row = connection.execute(select(policies).where(policies.c.id == number)).first()
     if row is None:
-        name, known = f"policy-{number}", [f"policy-{i}" for i in connection.scalars(select(policies.c.id))]
+        name = f"policy-{number}"
+        known = _like(connection, policies, "policy", name)
         raise NotFoundError(f"no policy {name}", nearest(name, known) + "run: paddlectl policies")
     return policy_record(row)
+
+
+def _like(connection: Connection, table: Table, kind: str, name: str) -> list[str]:
+    """Ids that may have been meant: those with the same digits, and the newest."""
+    digits = "".join(re.findall(r"[0-9]", name))[:18]
+    meant = [int(digits[:length]) for length in range(1, len(digits) + 1)]
+    newest = connection.scalar(select(func.max(table.c.id))) or 0
+    chosen = or_(table.c.id.in_(meant), table.c.id > newest - _LISTED)
+    return [f"{kind}-{number}" for number in connection.scalars(select(table.c.id).where(chosen))]
 
 
 def best_policy(connection: Connection, task: str) -> PolicyRecord:

@@ -1,7 +1,7 @@
 """What the registry holds, as plain frozen values."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 RUN_STATES = ("running", "finished", "failed", "interrupted")
 
@@ -75,3 +75,11 @@ class PolicyRecord:
     crispness: float
     created: str
     metadata: dict[str, Any] = field(default_factory=dict)
+
+
+class Label(NamedTuple):
+    """What is needed to tell a run or policy from others in a list."""
+
+    id: str
+    method: str
+    task: str

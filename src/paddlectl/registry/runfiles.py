@@ -1,15 +1,24 @@
 """A run's folder: its tables and documents, its checkpoints, and who holds it."""
 
-from collections.abc import Iterable, Iterator, Mapping
+import fcntl
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, TypeVar
 
-from paddlectl.errors import NotFoundError
+from paddlectl.errors import IntegrityError, NotFoundError, RegistryBusyError
 from paddlectl.registry import checkpoints, documents, layout, manifests
 from paddlectl.registry.faults import faults
+from paddlectl.registry.manifests import Seal
 from paddlectl.registry.names import number_of, shown
+
+T = TypeVar("T")
+
+_PATIENCE = 2.0  # seconds
+_BEGINNING = 0.5  # seconds between a run's entry and the moment when its process holds it, at most
+_READINGS = 20
 
 
 class RunFiles:
@@ -31,9 +40,14 @@ class RunFiles:
             RegistryBusyError: If it goes on in another process.
         """
         with faults(self.shown):
-            file = layout.take(self._run_folder(run))
+            file = _take(self._run_folder(run))
         with file:
             yield
+
+    def goes_on(self, run: str) -> bool:
+        """Whether a process holds the run, or is about to."""
+        with faults(self.shown):
+            return goes_on(self.folder, run)
 
     def append_rows(self, run: str, name: str, rows: Iterable[Mapping[str, Any]]) -> None:
         """Adds rows to the run's `<name>.jsonl`."""
@@ -46,9 +60,7 @@ class RunFiles:
         Raises:
             IntegrityError: If the run has ended, and the file isn't what it was then.
         """
-        with faults(self.shown):
-            path, data = self._read(run, name, "jsonl")
-            return [] if data is None else documents.rows_of(data, path)
+        return self._read(run, name, "jsonl", documents.rows_of) or []
 
     def each_row(self, run: str, name: str) -> Iterator[dict[str, Any]]:
         """The rows of the `<name>.jsonl` of a run that goes on, one at a time; nothing if there is none."""
@@ -68,9 +80,7 @@ class RunFiles:
         Raises:
             IntegrityError: If the run has ended, and the file isn't what it was then.
         """
-        with faults(self.shown):
-            path, data = self._read(run, name, "json")
-            return None if data is None else documents.document_of(data, path)
+        return self._read(run, name, "json", documents.document_of)
 
     # Checkpoints of a run that goes on
 
@@ -102,18 +112,85 @@ class RunFiles:
     def _tables(self) -> checkpoints.Tables:
         return checkpoints.Tables()
 
-    def _read(self, run: str, name: str, suffix: str) -> tuple[Path, bytes | None]:
-        path = documents.file_of(self._run_folder(run), name, suffix)
-        try:
-            data = path.read_bytes()
-        except FileNotFoundError:
-            data = None
-        files = manifests.read(self.folder, run).files
-        if files is not None and (data is not None or manifests.key(self.folder, path) in files):
-            manifests.verify(self.folder, path, data, files)
-        return path, data
+    def _read(self, run: str, name: str, suffix: str, value_of: Callable[[bytes, Path], Any]) -> Any | None:
+        with faults(self.shown):
+            path = documents.file_of(self._run_folder(run), name, suffix)
+
+            def value(files: Mapping[str, Seal] | None) -> Any | None:
+                data = bytes_of(path)
+                if files is not None and (data is not None or manifests.key(self.folder, path) in files):
+                    manifests.verify(self.folder, path, data, files)
+                return None if data is None else value_of(data, path)
+
+            return while_it_stays(self.folder, run, value)
 
     def _run_folder(self, run: str) -> Path:
         if number_of(run, "run") is None or not (self.folder / "runs" / run).is_dir():
             raise NotFoundError(f"no folder of a run {shown(run)}", "run: paddlectl runs")
         return self.folder / "runs" / run
+
+
+def goes_on(folder: Path, run: str) -> bool:
+    """Whether a process holds the run; one that was entered a moment ago is given the time to be held."""
+    if layout.is_held(folder / "runs" / run):
+        return True
+    try:
+        age = time.time() - manifests.path_of(folder, run).stat().st_mtime
+    except FileNotFoundError:
+        return False
+    if not 0.0 <= age < _BEGINNING:
+        return False
+    time.sleep(_BEGINNING - age)
+    return layout.is_held(folder / "runs" / run)
+
+
+@contextmanager
+def kept_still(run_folder: Path) -> Iterator[bool]:
+    """Whether no process holds the run; none begins to within the block, then."""
+    with (run_folder / "lock").open("a+b") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            still = True
+        except BlockingIOError:
+            still = False
+        yield still
+
+
+def while_it_stays(folder: Path, run: str, read: Callable[[Mapping[str, Seal] | None], T]) -> T:
+    """What `read` gives for the seals of the run's files; None for those of a run that goes on.
+
+    A fault that it finds stands if the run wasn't resumed, ended or written to while it read.
+
+    Raises:
+        IntegrityError: What it found.
+    """
+    files = manifests.read(folder, run).files
+    for _ in range(_READINGS):
+        try:
+            return read(files)
+        except IntegrityError as error:
+            found, before = error, files
+            files = manifests.read(folder, run).files
+            if files == before and not (files is None and layout.is_held(folder / "runs" / run)):
+                break
+    raise found
+
+
+def _take(run_folder: Path) -> BinaryIO:
+    """The lock of a run; who only looks, or frees space, has it for a moment and is waited for."""
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            return layout.take(run_folder)
+        except RegistryBusyError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.01)
+
+
+def bytes_of(path: Path) -> bytes | None:
+    """Of a file; None if it isn't there."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        return None

@@ -98,9 +98,8 @@ _POLICY_TYPES = _expected(policies)
 
 def select_runs() -> Select[Any]:
     """Runs with their newest policy, as `run_records` takes them."""
-    last = func.max(policies.c.id).label("policy")
-    newest = select(policies.c.run, last).group_by(policies.c.run).subquery()
-    return select(*runs.columns, newest.c.policy).outerjoin(newest, newest.c.run == runs.c.id)
+    newest = select(func.max(policies.c.id)).where(policies.c.run == runs.c.id).scalar_subquery()
+    return select(*runs.columns, newest.label("policy"))
 
 
 def run_records(rows: Iterable[Sequence[Any]]) -> list[RunRecord]:
@@ -125,16 +124,30 @@ def _run_record(row: Sequence[Any], known: dict[str, Any]) -> RunRecord:
     return RunRecord(**values)
 
 
+def policy_records(rows: Iterable[Sequence[Any]]) -> list[PolicyRecord]:
+    """Records of rows of `policies`. Those with equal metadata share them.
+
+    Raises:
+        IntegrityError: If a row holds what was never stored.
+    """
+    known: dict[str, Any] = {}
+    return [_policy_record(row, known) for row in rows]
+
+
 def policy_record(row: Sequence[Any]) -> PolicyRecord:
     """A record of one row of `policies`.
 
     Raises:
         IntegrityError: If the row holds what was never stored.
     """
+    return _policy_record(row, {})
+
+
+def _policy_record(row: Sequence[Any], known: dict[str, Any]) -> PolicyRecord:
     _check(row, _POLICY_TYPES, "policies")
     values = dict(zip(policies.columns.keys(), row, strict=True))
     name = f"policy-{values['id']}"
-    extra = _stored(dict, values["metadata"], name, {})
+    extra = _stored(dict, values["metadata"], name, known)
     return PolicyRecord(**values | {"id": name, "run": f"run-{values['run']}", "metadata": extra})
 
 

@@ -1,6 +1,5 @@
 """The registry: what was trained, with its programs, checkpoints and figures, in one folder."""
 
-import math
 import re
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,20 +11,19 @@ from typing import Any, Self
 
 from sqlalchemy import Connection, select, update
 
-from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
-from paddlectl.registry import documents, layout, objects
+from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.registry import documents, fields, layout, objects
 from paddlectl.registry.database import Database, stamp
 from paddlectl.registry.entry import Entry
 from paddlectl.registry.faults import faults
 from paddlectl.registry.names import number_of
 from paddlectl.registry.postgres import PostgresDatabase
-from paddlectl.registry.queries import best_policy, find_policy, find_run
-from paddlectl.registry.records import RUN_STATES, PolicyRecord, RunRecord
-from paddlectl.registry.schema import REVISIONS, policies, policy_record, run_records, runs, select_runs
+from paddlectl.registry.queries import best_policy, count, find_policy, find_run
+from paddlectl.registry.records import RUN_STATES, Label, PolicyRecord, RunRecord
+from paddlectl.registry.schema import REVISIONS, policies, policy_records, run_records, runs, select_runs
 from paddlectl.registry.sqlite import SqliteDatabase
 
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
-_LARGEST = 2**63 - 1
 
 
 class Registry(Entry):
@@ -105,23 +103,25 @@ class Registry(Entry):
         settings: Mapping[str, Any],
         versions: Mapping[str, str],
     ) -> RunRecord:
-        """Opens a run, `running` from now on, and its folder."""
-        row = {
+        """Opens a run, `running` from now on, and its folder.
+
+        Raises:
+            UsageError: If a value isn't one that its field may hold (`fields`).
+        """
+        row: dict[str, Any] = {
             "kind": kind,
             "method": method,
             "task": task,
             "scenario": scenario,
-            "sources": documents.to_json(list(sources), "sources"),
-            "seed": _integer(seed, "seed"),
-            "status": "running",
-            "settings": documents.to_json(dict(settings), "settings"),
-            "versions": documents.to_json(dict(versions), "versions"),
-            "frames": 0,
-            "episodes": 0,
-            "seconds": 0.0,
-            "results": "{}",
-            "created": _now(),
+            "sources": list(sources),
+            "seed": int(seed),
+            "settings": dict(settings),
+            "versions": dict(versions),
         }
+        _require(row, fields.RUN, "the run")
+        row |= {name: documents.to_json(row[name], name) for name in ("sources", "settings", "versions")}
+        row |= {"status": "running", "frames": 0, "episodes": 0, "seconds": 0.0, "results": "{}"}
+        row["created"] = _now()
         with self._transaction(self._writing) as connection:
             name = f"run-{self._insert(connection, 'run', row)}"
             self._make_run_folder(name)
@@ -135,17 +135,19 @@ class Registry(Entry):
 
         Raises:
             NotFoundError: If there is no such run.
+            UsageError: If a value isn't one that its field may hold.
         """
         if status not in RUN_STATES[1:]:
             raise ValueError(f"a run doesn't end as {status!r}")
-        row = {
+        row: dict[str, Any] = {
             "status": status,
-            "frames": _integer(frames, "frames"),
-            "episodes": _integer(episodes, "episodes"),
-            "seconds": _finite(seconds, "seconds"),
-            "results": documents.to_json(dict(results), "results"),
+            "frames": int(frames),
+            "episodes": int(episodes),
+            "seconds": _unsigned(seconds),
             "finished": _now(),
         }
+        _require(row, fields.RUN, run)
+        row["results"] = documents.to_json(dict(results), "results")
         with self._transaction(self._writing) as connection:
             number = number_of(find_run(connection, run).id, "run")
             documents.sync_files(self._run_folder(run))
@@ -180,8 +182,26 @@ class Registry(Entry):
 
     def runs(self) -> list[RunRecord]:
         """All runs, newest first."""
+        return self.newest_runs()[0]
+
+    def newest_runs(self, most: int | None = None) -> tuple[list[RunRecord], int]:
+        """At most so many runs, newest first, and how many there are in all."""
         with self._transaction(self._reading) as connection:
-            return run_records(connection.execute(select_runs().order_by(runs.c.id.desc())))
+            newest_first = select_runs().order_by(runs.c.id.desc()).limit(most)
+            return run_records(connection.execute(newest_first)), count(connection, runs)
+
+    def unfinished_runs(self) -> list[RunRecord]:
+        """Runs that go on or were stopped, oldest first; not those that failed."""
+        with self._transaction(self._reading) as connection:
+            left = select_runs().where(runs.c.status.in_(("running", "interrupted")))
+            return run_records(connection.execute(left.order_by(runs.c.id)))
+
+    def newest_transfer(self) -> RunRecord | None:
+        """The newest run that is a transfer, if there is one."""
+        with self._transaction(self._reading) as connection:
+            transfers = select_runs().where(runs.c.kind == "transfer")
+            found = run_records(connection.execute(transfers.order_by(runs.c.id.desc()).limit(1)))
+            return found[0] if found else None
 
     def seconds_per_frame(self, kind: str, method: str, task: str) -> float | None:
         """How long the latest finished runs of that sort took, by the median; None if there are none."""
@@ -219,30 +239,28 @@ class Registry(Entry):
 
         Raises:
             NotFoundError: If there is no such run.
+            UsageError: If a value isn't one that its field may hold.
         """
-        row = {
+        row: dict[str, Any] = {
             "task": task,
             "domain": domain,
             "method": method,
-            "seed": _integer(seed, "seed"),
-            "frames": _integer(frames, "frames"),
-            "program": program,
-            "success_rate": _finite(success_rate, "success_rate"),
-            "mean_score": _finite(mean_score, "mean_score"),
-            "mean_length": _finite(mean_length, "mean_length"),
-            "crispness": _finite(crispness, "crispness"),
+            "seed": int(seed),
+            "frames": int(frames),
+            "success_rate": _unsigned(success_rate),
+            "mean_score": _unsigned(mean_score),
+            "mean_length": _unsigned(mean_length),
+            "crispness": _unsigned(crispness),
             "created": _now(),
-            "metadata": documents.to_json(dict(metadata), "metadata"),
+            "metadata": dict(metadata),
         }
+        _require(row, fields.POLICY | fields.FIGURES, "the policy")
+        row |= {"program": program, "metadata": documents.to_json(row["metadata"], "metadata")}
         with self._transaction(self._reading) as connection:
             owner = number_of(find_run(connection, run).id, "run")
-        with faults(self.shown):
-            digest = objects.publish(self.folder / "objects", checkpoint)
+        digest = self._bring_object(checkpoint)
         with self._transaction(self._writing) as connection:
-            if not objects.object_path(
-                self.folder / "objects", digest
-            ).exists():  # `alone` may have come first
-                objects.publish(self.folder / "objects", checkpoint)
+            self._keep_object(checkpoint)
             number = self._insert(connection, "policy", row | {"run": owner, "checkpoint": digest})
             self._publish(connection, f"policy-{number}")
             return find_policy(connection, number)
@@ -263,9 +281,32 @@ class Registry(Entry):
 
     def policies(self) -> list[PolicyRecord]:
         """All policies, newest first."""
+        return self.newest_policies()[0]
+
+    def newest_policies(self, most: int | None = None) -> tuple[list[PolicyRecord], int]:
+        """At most so many policies, newest first, and how many there are in all."""
         with self._transaction(self._reading) as connection:
-            newest_first = select(policies).order_by(policies.c.id.desc())
-            return [policy_record(row) for row in connection.execute(newest_first)]
+            newest_first = select(policies).order_by(policies.c.id.desc()).limit(most)
+            return policy_records(connection.execute(newest_first)), count(connection, policies)
+
+    def solved(self, domain: str | None = None) -> list[str]:
+        """The tasks that have a policy, those of one domain or all, by name."""
+        tasks = select(policies.c.task).distinct().order_by(policies.c.task)
+        if domain is not None:
+            tasks = tasks.where(policies.c.domain == domain)
+        with self._transaction(self._reading) as connection:
+            return [str(task) for task in connection.scalars(tasks)]
+
+    def labels(self, kind: str, *, unfinished: bool = False) -> list[Label]:
+        """Of all runs or policies, newest first; `unfinished` leaves out runs that are finished."""
+        c = layout.ROW_TABLES[kind].c
+        rows = select(c.id, c.method, c.task).order_by(c.id.desc())
+        if unfinished:
+            rows = rows.where(c.status != "finished")
+        with self._transaction(self._reading) as connection:
+            return [
+                Label(f"{kind}-{number}", method, task) for number, method, task in connection.execute(rows)
+            ]
 
     def read_checkpoint(self, policy: PolicyRecord) -> bytes:
         """The policy's safetensors bytes, verified.
@@ -316,16 +357,14 @@ def database_of(location: str | Path) -> Database:
     return SqliteDatabase(Path(text))
 
 
-def _finite(value: float, what: str) -> float:
-    if not math.isfinite(value):
-        raise PaddlectlError(f"{what} can't be stored: {value} is no finite number")
-    return float(value)
+def _require(values: Mapping[str, Any], kinds: Mapping[str, Any], what: str) -> None:
+    if wrong := fields.misfit(values, kinds):
+        raise UsageError(f"{what} can't be stored: {wrong}")
 
 
-def _integer(value: int, what: str) -> int:
-    if abs(value) > _LARGEST:
-        raise UsageError(f"{what} is too large: {value}", f"at most {_LARGEST}")
-    return int(value)
+def _unsigned(value: float) -> float:
+    """The number, -0.0 as 0.0: SQLite keeps no sign of zero, PostgreSQL does."""
+    return float(value) + 0.0
 
 
 def _now() -> str:

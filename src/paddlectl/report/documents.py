@@ -44,9 +44,11 @@ def run_row(run: RunRecord) -> dict[str, Any]:
     }
 
 
-def policies_document(policies: Iterable[PolicyRecord]) -> dict[str, Any]:
-    return {"policies": [policy_row(policy) for policy in policies]}
+def policies_document(policies: Iterable[PolicyRecord], total: int) -> dict[str, Any]:
+    """Rows of policies, of so many that there are in all."""
+    return {"policies": [policy_row(policy) for policy in policies], "total": total}
 
 
-def runs_document(runs: Iterable[RunRecord]) -> dict[str, Any]:
-    return {"runs": [run_row(run) for run in runs]}
+def runs_document(runs: Iterable[RunRecord], total: int) -> dict[str, Any]:
+    """Rows of runs, of so many that there are in all."""
+    return {"runs": [run_row(run) for run in runs], "total": total}

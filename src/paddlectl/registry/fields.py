@@ -1,0 +1,101 @@
+"""What may stand in each field of a run and of a policy, told once for commands, registry and bundles."""
+
+import re
+import sys
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
+
+from paddlectl.registry.records import RUN_STATES
+
+SEEDS = 2**32
+"""All seeds are below it."""
+
+MOST_SEEDS = 1000
+MOST_SOURCES = 100
+MOST_FRAMES = 10**12
+"""Of a run's budget."""
+
+LONGEST_SCENARIO = 80
+"""Characters of a scenario's name."""
+
+SCENARIO = rf"[A-Za-z0-9][A-Za-z0-9 _.,+-]{{0,{LONGEST_SCENARIO - 1}}}"
+TASK = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
+METHOD = r"[a-z][a-z0-9_-]{0,31}"
+POLICY_ID = r"policy-[1-9][0-9]{0,17}"
+TIME = r"[0-9T:.+-]{19,32}"
+TABLE = r"[a-z][a-z0-9_]{0,63}"
+"""A run's table or document, without its suffix."""
+
+
+class Numbers(NamedTuple):
+    """The floats from the lowest to the highest."""
+
+    low: float
+    high: float
+
+
+class Many(NamedTuple):
+    """A list of at most so many that match a pattern."""
+
+    pattern: str
+    most: int
+
+
+_COUNT = range(2**63)
+_RATE = Numbers(0.0, 1.0)
+_FINITE = Numbers(-sys.float_info.max, sys.float_info.max)
+
+RUN = {
+    "kind": r"train|transfer",
+    "method": METHOD,
+    "task": TASK,
+    "scenario": SCENARIO,
+    "sources": Many(POLICY_ID, MOST_SOURCES),
+    "seed": range(SEEDS),
+    "status": "|".join(RUN_STATES[1:]),
+    "settings": dict,
+    "versions": dict,
+    "frames": _COUNT,
+    "episodes": _COUNT,
+    "seconds": Numbers(0.0, sys.float_info.max),
+    "created": TIME,
+    "finished": TIME,
+}
+POLICY = {
+    "task": TASK,
+    "method": METHOD,
+    "seed": range(SEEDS),
+    "frames": _COUNT,
+    "created": TIME,
+    "domain": TASK,
+    "metadata": dict,
+}
+FIGURES = {"success_rate": _RATE, "mean_score": _FINITE, "mean_length": _FINITE, "crispness": _RATE}
+OPTIONAL = frozenset({"scenario", "finished"})
+
+
+def misfit(
+    values: Mapping[str, Any], kinds: Mapping[str, Any], optional: Collection[str] = OPTIONAL
+) -> str | None:
+    """The first of the values that its field can't hold, in words; None if all fit."""
+    for name, value in values.items():
+        if not (value is None and name in optional) and not _fits(kinds[name], value):
+            return f"{name} can't be {str(value)[:60]!r}"
+    return None
+
+
+def _fits(kind: Any, value: Any) -> bool:
+    match kind:
+        case str():
+            return isinstance(value, str) and re.fullmatch(kind, value) is not None
+        case range():
+            return type(value) is int and value in kind
+        case Numbers():
+            return type(value) is float and kind.low <= value <= kind.high
+        case Many():
+            return (
+                isinstance(value, list)
+                and len(value) <= kind.most
+                and all(_fits(kind.pattern, item) for item in value)
+            )
+    return type(value) is kind
