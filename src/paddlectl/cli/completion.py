@@ -3,9 +3,11 @@
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
+from threading import Thread
 from typing import TypeVar
 
 T = TypeVar("T")
+PATIENCE = 1.0  # seconds for a registry whose server, disk or writer keeps one waiting
 
 
 def _quiet(offers: Callable[..., list[T]]) -> Callable[..., list[T]]:
@@ -26,11 +28,30 @@ def task_names() -> list[str]:
     return list(names())
 
 
+def _soon(asked: Callable[[], list[T]]) -> list[T]:
+    """The answer.
+
+    Raises:
+        IndexError: If there is none, or not soon.
+    """
+    told: list[list[T]] = []
+
+    @_quiet
+    def ask() -> list[T]:
+        told.append(asked())
+        return told[0]
+
+    thread = Thread(target=ask, daemon=True)
+    thread.start()
+    thread.join(PATIENCE)
+    return told[0]
+
+
 @_quiet
 def policy_names(registry: str | None) -> list[tuple[str, str]]:
     from paddlectl.registry.store import Registry
 
-    policies = Registry.open(registry or "registry", create=False).policies()
+    policies = _soon(lambda: Registry.open(registry or "registry", create=False).policies())
     best = [(task, "its best policy") for task in dict.fromkeys(policy.task for policy in policies)]
     return best + [(policy.id, f"{policy.task}, {policy.method}") for policy in policies]
 
@@ -39,7 +60,7 @@ def policy_names(registry: str | None) -> list[tuple[str, str]]:
 def run_names(registry: str | None) -> list[tuple[str, str]]:
     from paddlectl.registry.store import Registry
 
-    runs = Registry.open(registry or "registry", create=False).runs()
+    runs = _soon(lambda: Registry.open(registry or "registry", create=False).runs())
     return [("latest", "the newest transfer")] + [(run.id, f"{run.method} on {run.task}") for run in runs]
 
 
@@ -47,7 +68,7 @@ def run_names(registry: str | None) -> list[tuple[str, str]]:
 def stopped_names(registry: str | None) -> list[tuple[str, str]]:
     from paddlectl.registry.store import Registry
 
-    runs = Registry.open(registry or "registry", create=False).runs()
+    runs = _soon(lambda: Registry.open(registry or "registry", create=False).runs())
     return [(run.id, f"{run.method} on {run.task}") for run in runs if run.status != "finished"]
 
 

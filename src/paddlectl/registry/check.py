@@ -6,7 +6,7 @@ are all bytes, by their SHA-256.
 
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from sqlalchemy import Connection, inspect, select
 
 from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError, PaddlectlError
 from paddlectl.logic.syntax import parse_program
-from paddlectl.registry import layout, manifests
+from paddlectl.registry import identity, layout, manifests
 from paddlectl.registry.database import Database, require_current, stamp
 from paddlectl.registry.faults import faults
 from paddlectl.registry.files import OBJECT, check_contents, check_files
@@ -34,11 +34,13 @@ def check(location: str | Path, *, read_data: bool = False) -> Report:
     Raises:
         NotFoundError: If there is none.
         SchemaVersionError: If a newer paddlectl wrote it.
+        IntegrityError: If its folder isn't its own.
     """
     index = database_of(location)
     report = Report()
     with faults(index.shown):
         if not index.exists():
+            identity.require_unowned(index)
             _missing_index(report, index)
             _read_manifests(report, index.folder)
             check_files(report, index.folder)
@@ -52,6 +54,7 @@ def check(location: str | Path, *, read_data: bool = False) -> Report:
 def _under_lock(report: Report, index: Database) -> None:
     with _looked_into(report, index) as connection:
         if connection is not None:
+            _require_own_folder(index, connection)
             _index(report, index, connection)
         if report.older:  # and has no manifests yet
             return
@@ -78,6 +81,16 @@ def _looked_into(report: Report, index: Database) -> Iterator[Connection | None]
         return
     with connection:
         yield connection
+
+
+def _require_own_folder(index: Database, connection: Connection) -> None:
+    """Unless the index can't tell, which is found as damage, or is older."""
+    found = None
+    with suppress(IntegrityError), faults(index.shown):
+        if inspect(connection).has_table("identity"):
+            found = identity.of_index(connection)
+    if found is not None:
+        identity.require(index, found)
 
 
 def _missing_index(report: Report, index: Database) -> None:
@@ -119,6 +132,8 @@ def _tables(report: Report, index: Database, connection: Connection) -> None:
             raise IntegrityError(f"the table {table.name} lacks the column {min(lost)}")
         if {str(i.name) for i in table.indexes} - {str(i["name"]) for i in there.get_indexes(table.name)}:
             report.add("missing database index", index.file, f"an index of {table.name} is missing")
+    if identity.of_index(connection) is None:
+        raise IntegrityError("it doesn't say which folder is its own")
     for kind, table in layout.ROW_TABLES.items():
         for row in connection.execute(select(table)):
             values = dict(zip(table.columns.keys(), row, strict=True))
