@@ -1,10 +1,14 @@
 """What the shell is offered: tasks, policies, runs, files; silence if there is trouble."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from threading import Thread
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from paddlectl.registry.store import Registry
 
 T = TypeVar("T")
 PATIENCE = 1.0  # seconds for a registry whose server, disk or writer keeps one waiting
@@ -28,18 +32,19 @@ def task_names() -> list[str]:
     return list(names())
 
 
-def _soon(asked: Callable[[], list[T]]) -> list[T]:
-    """The answer.
+def _soon(registry: str | None, offers: Callable[["Registry"], list[T]]) -> list[T]:
+    """What the registry offers.
 
     Raises:
-        IndexError: If there is none, or not soon.
+        IndexError: If there is trouble, or no answer soon.
     """
+    from paddlectl.registry.store import Registry
+
     told: list[list[T]] = []
 
-    @_quiet
-    def ask() -> list[T]:
-        told.append(asked())
-        return told[0]
+    def ask() -> None:
+        with suppress(Exception):
+            told.append(offers(Registry.open(registry or "registry", create=False)))
 
     thread = Thread(target=ask, daemon=True)
     thread.start()
@@ -47,29 +52,38 @@ def _soon(asked: Callable[[], list[T]]) -> list[T]:
     return told[0]
 
 
-@_quiet
-def policy_names(registry: str | None) -> list[tuple[str, str]]:
-    from paddlectl.registry.store import Registry
-
-    policies = _soon(lambda: Registry.open(registry or "registry", create=False).policies())
+def _policies(registry: "Registry") -> list[tuple[str, str]]:
+    policies = registry.policies()
     best = [(task, "its best policy") for task in dict.fromkeys(policy.task for policy in policies)]
     return best + [(policy.id, f"{policy.task}, {policy.method}") for policy in policies]
 
 
+def _runs(registry: "Registry") -> list[tuple[str, str]]:
+    return [(run.id, f"{run.method} on {run.task}") for run in registry.runs()]
+
+
+def _stopped(registry: "Registry") -> list[tuple[str, str]]:
+    return [(run.id, f"{run.method} on {run.task}") for run in registry.runs() if run.status != "finished"]
+
+
+@_quiet
+def policy_names(registry: str | None) -> list[tuple[str, str]]:
+    return _soon(registry, _policies)
+
+
 @_quiet
 def run_names(registry: str | None) -> list[tuple[str, str]]:
-    from paddlectl.registry.store import Registry
+    return [("latest", "the newest transfer"), *_soon(registry, _runs)]
 
-    runs = _soon(lambda: Registry.open(registry or "registry", create=False).runs())
-    return [("latest", "the newest transfer")] + [(run.id, f"{run.method} on {run.task}") for run in runs]
+
+@_quiet
+def held_names(registry: str | None) -> list[tuple[str, str]]:
+    return _soon(registry, lambda opened: _policies(opened) + _runs(opened))
 
 
 @_quiet
 def stopped_names(registry: str | None) -> list[tuple[str, str]]:
-    from paddlectl.registry.store import Registry
-
-    runs = _soon(lambda: Registry.open(registry or "registry", create=False).runs())
-    return [(run.id, f"{run.method} on {run.task}") for run in runs if run.status != "finished"]
+    return _soon(registry, _stopped)
 
 
 @_quiet

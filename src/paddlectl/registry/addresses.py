@@ -1,11 +1,12 @@
 """Addresses of databases: how they are told from folders, and what of them nobody may see."""
 
 import re
-from collections.abc import Iterable
-from urllib.parse import parse_qsl, unquote
+from collections.abc import Callable, Iterable
+from urllib.parse import parse_qsl, quote, quote_plus, unquote
 
 _ODD = re.compile(r":.*@|[?&](password|passwd|pwd)=|^\W*postgres\w*\W.*@", re.IGNORECASE | re.DOTALL)
 _SHORTEST = 3  # characters; less can't be told from the words around it
+_SPELLINGS: tuple[Callable[[str], str], ...] = (quote, quote_plus, lambda secret: repr(secret)[1:-1])
 _KEYS = ("password", "passwd", "pwd", "sslpassword")
 
 
@@ -27,7 +28,7 @@ def secrets_of(address: str) -> list[str]:
     found = [login, password, f'"{user}"', f"'{user}'", f'"{unquote(user)}"', f"'{unquote(user)}'"]
     found += [value for key, value in parse_qsl(address.partition("?")[2]) if key in _KEYS]
     found += [unquote(secret) for secret in found]
-    found += [repr(secret)[1:-1] for secret in found]
+    found += [spell(secret) for secret in found for spell in _SPELLINGS]
     return sorted({secret for secret in found if len(secret) >= _SHORTEST}, key=len, reverse=True)
 
 

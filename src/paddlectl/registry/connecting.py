@@ -30,6 +30,10 @@ class _Connection(psycopg.Connection[Any]):
             self.close()
             raise _silent(self.place, patience) from None
 
+    def rollback(self) -> None:
+        if not self.closed:
+            super().rollback()
+
 
 def connected(place: str, secrets: Sequence[str], given: dict[str, Any]) -> Any:
     """A connection to a server.
@@ -67,6 +71,6 @@ def connected(place: str, secrets: Sequence[str], given: dict[str, Any]) -> Any:
 
 def _silent(place: str, seconds: float) -> RegistryBusyError:
     return RegistryBusyError(
-        f"the registry {place} didn't answer within {seconds:.0f} s",
+        f"the registry {place} didn't answer within {seconds:g} s",
         "check the address, or try again when that server is well",
     )
