@@ -26,7 +26,7 @@ def test_a_sound_registry(registry: Registry, command: Command) -> None:
     assert document["bytes"] > 100
     assert command("registry", "repair").out == "nothing to mend\n"
     assert command("registry", "gc", "--json").json == {"removed": [], "bytes": 0}
-    assert command("registry", "upgrade", "--json").json == {"schema": "0002"}
+    assert command("registry", "upgrade", "--json").json == {"schema": "0003"}
 
 
 def test_a_fault_is_shown_told_by_the_exit_code_and_mended(registry: Registry, command: Command) -> None:
@@ -48,6 +48,28 @@ def test_what_cant_be_mended_is_exit_5(registry: Registry, command: Command) -> 
     assert answer.code == 5
     assert [found["where"] for found in answer.json["left"]] == ["runs/run-3/trace.json"]
     assert command("explain", "run-3").code == 5
+
+
+def test_a_repair_that_would_lose_a_row_changes_nothing_and_exits_5(
+    registry: Registry, command: Command
+) -> None:
+    digest = registry.policy("policy-3").checkpoint
+    (registry.folder / "objects" / f"{digest}.safetensors").unlink()
+    before = contents(registry.folder)
+    answer = command("registry", "repair")
+    assert answer.code == 5 and "policy-3: its checkpoint is lost" in answer.out
+    assert "run: paddlectl registry repair --drop-lost" in " ".join(answer.out.split())
+    told = command("registry", "repair", "--json")
+    assert (told.code, told.json["done"], told.json["lost"]) == (5, [], ["policy-3: its checkpoint is lost"])
+    assert contents(registry.folder) == before
+    dropped = command("registry", "repair", "--drop-lost", "--json")
+    assert (dropped.code, dropped.json["lost"], dropped.json["left"]) == (0, [], [])
+    assert "policy-3: its checkpoint is lost; it is gone from the index" in dropped.json["done"]
+    assert {policy.id for policy in registry.policies()} == {"policy-1", "policy-2"}
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_export_and_import(registry: Registry, command: Command, tmp_path: Path) -> None:
@@ -95,7 +117,7 @@ def test_an_older_registry_is_upgraded(command: Command, tmp_path: Path) -> None
         command("registry", "check", "--registry", place, "--json").json["findings"][0]["kind"]
         == "older schema"
     )
-    assert command("registry", "upgrade", "--registry", place).out == "the registry has schema 0002\n"
+    assert command("registry", "upgrade", "--registry", place).out == "the registry has schema 0003\n"
     assert len(list(place.glob("registry.db.0001.*"))) == 1
     assert "stopped run" in command("registry", "check", "--registry", place).out
 

@@ -43,6 +43,11 @@ def test_a_planted_fault_is_found_and_mended_as_far_as_it_can_be(location: Path,
     assert kind in {finding.kind for finding in check(location, read_data=True).faults}
     assert {path: path.read_bytes() for path in location.rglob("*") if path.is_file()} == before
     told = repair(location)
+    assert bool(told.lost) == ("object" in name and "file" not in name)
+    if told.lost:
+        assert not told.done
+        assert {path: path.read_bytes() for path in location.rglob("*") if path.is_file()} == before
+        told = repair(location, drop_lost=True)
     assert told.done or told.left
     with Registry.open(location) as registry:
         runs, policies = registry.runs(), registry.policies()
@@ -84,6 +89,18 @@ def test_the_index_comes_back_from_manifests_alone(location: Path) -> None:
         assert repair(location).left == []
         with Registry.open(location) as registry:
             assert (registry.runs(), registry.policies()) == (runs, policies)
+
+
+@pytest.mark.parametrize("lost", ["manifests/policy-2.json", "manifests/run-2.json"])
+def test_what_neither_index_nor_manifest_tells_isnt_dropped_unasked(location: Path, lost: str) -> None:
+    (location / "registry.db").unlink()
+    (location / lost).write_bytes(b"damaged")
+    name = Path(lost).stem
+    assert repair(location).lost == [f"{name}: neither its row nor its manifest can be read"]
+    assert not (location / "registry.db").exists()
+    told = repair(location, drop_lost=True)
+    assert f"{name}: neither its row nor its manifest can be read; it is gone from the index" in told.done
+    assert not told.lost
 
 
 def test_others_may_write_while_the_bytes_are_read(

@@ -20,8 +20,8 @@ from released import SCHEMAS, rebuilt
 SECOND = """
 from alembic import op
 import sqlalchemy as sa
-revision = "0003"
-down_revision = "0002"
+revision = "0004"
+down_revision = "0003"
 
 def upgrade():
     with op.batch_alter_table("runs") as batch:
@@ -86,13 +86,14 @@ def test_how_a_registry_is_kept(registry: Registry, location: Path) -> None:
     assert {path.name for path in location.iterdir()} == {
         "registry.db",
         "registry.lock",
+        "identity",
         "objects",
         "runs",
         "manifests",
     }
 
 
-@pytest.mark.parametrize("stamp", ["0003", "9f3c1a", "0000"])
+@pytest.mark.parametrize("stamp", ["0004", "9f3c1a", "0000"])
 def test_another_versions_registry_is_refused_byte_for_byte(
     registry: Registry, add: Any, location: Path, stamp: str
 ) -> None:
@@ -117,7 +118,7 @@ def test_another_versions_registry_is_refused_byte_for_byte(
 
 
 @pytest.mark.parametrize(
-    "change", ["DELETE FROM alembic_version", "INSERT INTO alembic_version VALUES ('0003')"]
+    "change", ["DELETE FROM alembic_version", "INSERT INTO alembic_version VALUES ('0004')"]
 )
 def test_a_registry_without_one_clear_stamp_is_damaged(
     registry: Registry, location: Path, change: str
@@ -174,9 +175,9 @@ def next_version(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     folder = tmp_path / "100% migrations"
     shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(database, "MIGRATIONS", folder)
-    monkeypatch.setattr(schema, "REVISIONS", (*schema.REVISIONS, "0003"))
+    monkeypatch.setattr(schema, "REVISIONS", (*schema.REVISIONS, "0004"))
     monkeypatch.setattr("paddlectl.registry.store.REVISIONS", schema.REVISIONS)
-    return folder / "versions" / "0003_note.py"
+    return folder / "versions" / "0004_note.py"
 
 
 def test_an_older_registry_is_copied_and_upgraded(
@@ -189,12 +190,12 @@ def test_an_older_registry_is_copied_and_upgraded(
     before = _query(path, "SELECT * FROM runs")
     Registry.open(location, create=False)
     Registry.open(location, create=False)
-    assert _query(path, "SELECT version_num FROM alembic_version") == [("0003",)]
+    assert _query(path, "SELECT version_num FROM alembic_version") == [("0004",)]
     assert _query(path, "SELECT * FROM runs") == [(*before[0], None)]
     assert _query(path, "SELECT id, run FROM policies") == [(3, 7)]
-    (copy,) = location.glob("registry.db.0002.*")
+    (copy,) = location.glob("registry.db.0003.*")
     assert _query(copy, "SELECT * FROM runs") == before
-    assert _query(copy, "SELECT version_num FROM alembic_version") == [("0002",)]
+    assert _query(copy, "SELECT version_num FROM alembic_version") == [("0003",)]
     with pytest.raises(sqlite3.IntegrityError):  # the foreign key outlived the move of its table
         connection = sqlite3.connect(path)
         connection.execute("PRAGMA foreign_keys=ON")
@@ -214,7 +215,7 @@ def test_a_failed_upgrade_leaves_the_registry_as_it_was_and_may_be_tried_again(
     next_version.write_text(SECOND.format(then=""))
     Registry.open(location)
     assert not _query(path, "SELECT name FROM sqlite_master WHERE name LIKE '_alembic_tmp%'")
-    assert _query(path, "SELECT version_num FROM alembic_version") == [("0003",)]
+    assert _query(path, "SELECT version_num FROM alembic_version") == [("0004",)]
 
 
 def test_an_upgrade_that_orphans_rows_is_undone(

@@ -167,12 +167,13 @@ def _system(error: OSError) -> str:
 def _unexpected(error: Exception) -> int:
     import traceback
 
-    if os.environ.get("PADDLECTL_DEBUG"):
-        traceback.print_exception(error)
-        return 1
     from paddlectl.cli.texts import without_secrets
 
-    log = _write_log(without_secrets("".join(traceback.format_exception(error))))
+    details = without_secrets("".join(traceback.format_exception(error)))
+    if os.environ.get("PADDLECTL_DEBUG"):
+        print(details, file=sys.stderr)
+        return 1
+    log = _write_log(details)
     return _told(f"unexpected {type(error).__name__}: {error}", f"the details are in {log}" if log else "", 1)
 
 

@@ -47,7 +47,7 @@ def transfer_run(registry: "Registry", run: str) -> "RunRecord":
         if newest := registry.newest_transfer():
             return newest
         raise NotFoundError(
-            f"no transfer in {registry.location}", "run: paddlectl transfer scenarios/A.yaml --train-missing"
+            f"no transfer in {registry.shown}", "run: paddlectl transfer scenarios/A.yaml --train-missing"
         )
     record = registry.run(run)
     if record.kind != "transfer":

@@ -30,7 +30,9 @@ def complete_runs(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
 
 
 def complete_held(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
-    return complete_policies(ctx, incomplete) + complete_runs(ctx, incomplete)
+    from paddlectl.cli.completion import held_names
+
+    return [pair for pair in held_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
 
 
 def complete_stopped(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:

@@ -50,23 +50,33 @@ def check(
 
 
 @app.command(epilog="Example: paddlectl registry repair")
-def repair(registry: RegistryPlace = "registry", as_json: AsJson = False) -> int:
+def repair(
+    drop_lost: Annotated[
+        bool, typer.Option("--drop-lost", help="Let runs and policies go whose data are lost.")
+    ] = False,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> int:
     """Make the index again from manifests and objects, tell each change, and throw nothing away.
 
-    Exit 5 if something can't be mended.
+    Exit 5 if something can't be mended, or a run or policy would be lost; nothing is changed then.
     """
     from paddlectl.registry import repair as mending
     from paddlectl.report.output import clean, print_json, print_text
     from paddlectl.report.tables import FINDINGS, table
 
-    told = mending.repair(registry)
+    told = mending.repair(registry, drop_lost=drop_lost)
     rows = _rows(told.left)
     if as_json:
-        print_json({"done": told.done, "left": rows})
+        print_json({"done": told.done, "lost": told.lost, "left": rows})
+    elif told.lost:
+        print_text(
+            [*map(clean, told.lost), f"{len(told.lost)} would be lost, so nothing was changed; {_DROP}"]
+        )
     else:
         print_text([clean(line) for line in told.done] or ["nothing to mend"])
         print_text([table(FINDINGS, rows, "Can't be mended")] if rows else [])
-    return DAMAGED if rows else 0
+    return DAMAGED if rows or told.lost else 0
 
 
 @app.command(epilog="Example: paddlectl registry gc --dry-run")
@@ -152,6 +162,9 @@ def upgrade(registry: RegistryPlace = "registry", as_json: AsJson = False) -> No
         print_json({"schema": REVISIONS[-1]})
     else:
         print_text([f"the registry has schema {REVISIONS[-1]}"])
+
+
+_DROP = "restore the data, or run: paddlectl registry repair --drop-lost"
 
 
 def _rows(findings: "Sequence[Finding]") -> list[dict[str, Any]]:

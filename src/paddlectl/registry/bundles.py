@@ -52,7 +52,7 @@ def export(registry: Registry, name: str, path: Path) -> dict[str, Any]:
     data = archive.pack(members)
     if len(data) > archive.LARGEST:
         raise PaddlectlError(f"{name} is too large for a bundle: {len(data):,} bytes")
-    write_atomically(path, data)
+    write_atomically(path, data, shared=False)
     return {"exported": name, "file": str(path), "bytes": len(data)}
 
 

@@ -7,6 +7,7 @@ are all bytes, by their SHA-256.
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from sqlalchemy import Connection, inspect, select
 
 from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError, PaddlectlError
 from paddlectl.logic.syntax import parse_program
-from paddlectl.registry import layout, manifests
+from paddlectl.registry import identity, layout, manifests
 from paddlectl.registry.database import Database, require_current, stamp
 from paddlectl.registry.faults import faults
 from paddlectl.registry.files import (
@@ -49,13 +50,16 @@ def check(location: str | Path, *, read_data: bool = False) -> Report:
     Raises:
         NotFoundError: If there is none.
         SchemaVersionError: If a newer paddlectl wrote it.
+        IntegrityError: If its folder isn't its own.
     """
     index = database_of(location)
     report = Report()
     with faults(index.shown):
         if index.exists():
+            _require_own_folder(index)
             _index(report, index)
         else:
+            identity.require_unowned(index)
             _missing_index(report, index)
         if report.older:  # and has no manifests yet
             return report
@@ -67,6 +71,16 @@ def check(location: str | Path, *, read_data: bool = False) -> Report:
         if read_data:
             check_contents(report, index.folder)
     return report
+
+
+def _require_own_folder(index: Database) -> None:
+    """Unless the index can't tell, which is found as damage, or is older."""
+    found = None
+    with suppress(IntegrityError), faults(index.shown), index.reading().begin() as connection:
+        if inspect(connection).has_table("identity"):
+            found = identity.of_index(connection)
+    if found is not None:
+        identity.require(index, found)
 
 
 def _missing_index(report: Report, index: Database) -> None:
@@ -113,6 +127,8 @@ def _tables(report: Report, index: Database, connection: Connection) -> None:
             raise IntegrityError(f"the table {table.name} lacks the column {min(lost)}")
         if {str(i.name) for i in table.indexes} - {str(i["name"]) for i in there.get_indexes(table.name)}:
             report.add("missing database index", index.file, f"an index of {table.name} is missing")
+    if identity.of_index(connection) is None:
+        raise IntegrityError("it doesn't say which folder is its own")
 
 
 def _row(report: Report, name: str) -> None:

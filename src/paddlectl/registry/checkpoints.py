@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from paddlectl.errors import IntegrityError
 from paddlectl.registry import documents, manifests
 from paddlectl.registry.objects import sync_folder, write_atomically
+from paddlectl.registry.rights import make_folder
 
 KEPT = 2
 _HINT = "run: paddlectl registry check"
@@ -52,7 +53,7 @@ def save(run: Path, document: Any, arrays: bytes, tables: dict[str, manifests.Se
     """
     documents.sync_files(run)
     folder = run / "checkpoints"
-    folder.mkdir(exist_ok=True)
+    make_folder(folder)
     sync_folder(run)
     earlier = numbers(run)
     number = max(earlier, default=0) + 1

@@ -10,6 +10,7 @@ from paddlectl.errors import IntegrityError, SchemaVersionError
 from paddlectl.registry import schema
 
 WAIT = 60.0  # seconds for a lock
+CONNECTING = 10.0  # seconds until a server must have let one in
 MIGRATIONS = Path(__file__).parent / "migrations"
 _STAMP = re.compile(r"[0-9A-Za-z_]{1,40}")
 
@@ -21,11 +22,13 @@ class Database(Protocol):
         shown: Its place for messages, without a password.
         file: What the database is called in messages.
         folder: Where the registry's files are.
+        advice: What to do if the folder isn't its own.
     """
 
     shown: str
     file: str
     folder: Path
+    advice: str
 
     def reading(self) -> Engine:
         """An engine whose transactions read one state of the database."""

@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, NoReturn
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.registry.fields import TABLE
 from paddlectl.registry.objects import write_atomically
+from paddlectl.registry.rights import opened
 
 _NAME = re.compile(TABLE)
 _BLOCK = 65536
@@ -58,7 +59,7 @@ def append_rows(folder: Path, name: str, rows: Iterable[Mapping[str, Any]]) -> N
     text = "".join(to_json(dict(row), str(path)) + "\n" for row in rows)
     if not text:
         return
-    with path.open("a+b") as file:
+    with opened(path, "a+b") as file:
         whole = _whole_length(file)
         file.truncate(whole)
         try:

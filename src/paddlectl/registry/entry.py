@@ -13,6 +13,7 @@ from paddlectl.registry.database import Database, require_current
 from paddlectl.registry.faults import faults
 from paddlectl.registry.names import number_of
 from paddlectl.registry.queries import same_runs
+from paddlectl.registry.rights import make_folder
 from paddlectl.registry.runfiles import RunFiles
 from paddlectl.registry.schema import runs
 
@@ -121,7 +122,7 @@ class Entry(RunFiles):
 
     def _make_run_folder(self, run: str) -> None:
         folder = self.folder / "runs" / run
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         if any(folder.iterdir()):
             raise IntegrityError(
                 f"{folder} is there, but registry.db doesn't know it: is that an older copy?",

@@ -1,16 +1,19 @@
 """Faults of the database and the disk, told as what they mean for the user."""
 
 import errno
+import os
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from sqlalchemy.exc import DBAPIError
 
 from paddlectl.errors import IntegrityError, PaddlectlError, RegistryBusyError
+from paddlectl.registry.rights import refused
 
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-_NOT_ALLOWED = {errno.EACCES, errno.EPERM, errno.EROFS}
+_NOT_ALLOWED = {errno.EACCES, errno.EPERM}
 _BUSY = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
 _CLOSED = {sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_AUTH}
 
@@ -51,6 +54,9 @@ def _database_fault(place: str, error: BaseException | None) -> PaddlectlError:
     if code == sqlite3.SQLITE_FULL:
         return _full(place)
     if code in _CLOSED:
+        for name in ("registry.db", "registry.db-journal"):  # the latter is made for every write
+            if refusal := refused(Path(place) / name):
+                return PaddlectlError(refusal.what, refusal.hint)
         return PaddlectlError(
             f"the registry {place} can't be opened or written: {what}",
             "check that it is there and that you may write to it",
@@ -84,12 +90,10 @@ def _printable(error: BaseException | None) -> str:
 def _system_fault(place: str, error: OSError) -> PaddlectlError:
     if error.errno in _NO_SPACE:
         return _full(place)
-    what = f"{error.strerror or error}: {error.filename or place}"
-    if error.errno in _NOT_ALLOWED:
-        return PaddlectlError(
-            f"no permission for the registry {place} ({what})", "check that you may write to it"
-        )
-    return PaddlectlError(f"the registry {place} can't be used ({what})")
+    path = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else ""
+    if error.errno in _NOT_ALLOWED and path and (refusal := refused(Path(path))):
+        return PaddlectlError(refusal.what, refusal.hint)
+    return PaddlectlError(f"the registry {place} can't be used ({error.strerror or error}: {path or place})")
 
 
 def busy(place: str) -> RegistryBusyError:

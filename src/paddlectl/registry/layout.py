@@ -9,6 +9,7 @@ from sqlalchemy import Connection, select
 from paddlectl.errors import IntegrityError, RegistryBusyError
 from paddlectl.registry import manifests
 from paddlectl.registry.objects import object_path
+from paddlectl.registry.rights import make_folder, opened
 from paddlectl.registry.schema import policies, runs
 
 FOLDERS = ("objects", "runs", manifests.FOLDER)
@@ -18,7 +19,7 @@ ROW_TABLES = {"run": runs, "policy": policies}
 def make(folder: Path) -> None:
     """Makes the folders that are missing."""
     for name in FOLDERS:
-        (folder / name).mkdir(parents=True, exist_ok=True)
+        make_folder(folder / name)
 
 
 def refuse_orphans(folder: Path) -> None:
@@ -69,7 +70,7 @@ def take(run_folder: Path) -> BinaryIO:
     Raises:
         RegistryBusyError: If another process has it.
     """
-    file = (run_folder / "lock").open("ab")
+    file = opened(run_folder / "lock", "ab")
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

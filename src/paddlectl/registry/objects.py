@@ -7,6 +7,7 @@ import uuid
 from pathlib import Path
 
 from paddlectl.errors import IntegrityError
+from paddlectl.registry.rights import share
 
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 
@@ -55,11 +56,19 @@ def object_path(folder: Path, digest: str) -> Path:
     return folder / f"{digest}.safetensors"
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Replaces a file by a temporary one: synced, renamed, and the folder synced too."""
+def write_atomically(path: Path, data: bytes, *, shared: bool = True) -> None:
+    """Replaces a file by a temporary one: synced, renamed, and the folder synced too.
+
+    Args:
+        path: The file.
+        data: What it shall hold.
+        shared: Whether it is a registry's, as open to others as its folder.
+    """
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
     try:
         with temporary.open("xb") as file:
+            if shared:
+                share(temporary)
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

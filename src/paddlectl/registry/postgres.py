@@ -2,16 +2,18 @@
 
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import Connection, Engine, NullPool, create_engine, event
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from paddlectl.errors import UsageError
-from paddlectl.registry import database, layout, schema
+from paddlectl.registry import database, identity, layout, schema
+from paddlectl.registry.addresses import is_clear, secrets_of
 
 _LOCK = 7_052_391_164  # any number; names the advisory lock of registries
-_TABLES = ("runs", "policies", "alembic_version")
+_TABLES = ("runs", "policies", "identity", "alembic_version")
 
 
 class PostgresDatabase:
@@ -27,7 +29,8 @@ class PostgresDatabase:
         self.shown = f"postgresql://{host}/{url.database}"
         self.file = f"the database {url.database}"
         self.folder = folder
-        self._url = url
+        self.advice = "check files= and the database in the address"
+        self._url, self._secrets = url, secrets_of(address)
 
     def reading(self) -> Engine:
         return self._engine("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY")
@@ -44,21 +47,25 @@ class PostgresDatabase:
             return _has(connection, "alembic_version")
 
     def create(self) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
         with self.writing().begin() as connection:
             if not _has(connection, "alembic_version"):
+                identity.require_unowned(self)
+                self.folder.mkdir(parents=True, exist_ok=True)
                 layout.refuse_orphans(self.folder)
                 layout.make(self.folder)
                 database.migrate(connection)
+                identity.give(self, connection, new=True)
 
     def upgrade(self) -> None:
         """Copies the tables into a schema of their own first."""
         with self.writing().begin() as connection:
             found = database.stamp(connection, self.file)
             if found in schema.REVISIONS[:-1]:  # else another process was first
+                identity.require_before_upgrade(self, connection)
                 self._copy(connection, found)
                 database.migrate(connection)
                 layout.make(self.folder)
+                identity.give(self, connection)
                 layout.seal_all(self.folder, connection)
 
     def copy(self, label: str) -> str:
@@ -66,12 +73,16 @@ class PostgresDatabase:
             return self._copy(connection, label)
 
     def renew(self, label: str) -> str:
+        """Where there is no index at all, another database may still have it; it loses the folder then."""
         with self.writing().begin() as connection:
+            identity.require_unowned(self)
+            missing = not _has(connection, "identity")
             name = self._copy(connection, label)
             for table in reversed(_TABLES):
                 connection.exec_driver_sql(f"DROP TABLE IF EXISTS {table} CASCADE")
             layout.make(self.folder)
             database.migrate(connection)
+            identity.give(self, connection, new=missing)
             return name
 
     def count_from(self, connection: Connection, kind: str, number: int) -> None:
@@ -95,6 +106,12 @@ class PostgresDatabase:
     def _engine(self, *begin: str) -> Engine:
         engine = create_engine(self._url, poolclass=NullPool)
 
+        @event.listens_for(engine, "do_connect")
+        def _connect(_: Any, __: Any, ___: Any, named: dict[str, Any]) -> Any:
+            from paddlectl.registry.connecting import connected  # psycopg, which few registries need
+
+            return connected(self.shown, self._secrets, named)
+
         @event.listens_for(engine, "begin")
         def _begin(connection: Connection) -> None:
             for statement in begin:
@@ -114,6 +131,11 @@ def _parsed(address: str) -> tuple[URL, Path]:
         raise UsageError(
             "PostgreSQL needs an extra", "install it: pip install 'paddlectl[postgres]'"
         ) from None
+    if not is_clear(address):
+        raise UsageError(
+            "that address can be read in more than one way",
+            "write @ / ? # in user and password, and @ in files=, as %40 %2F %3F %23",
+        )
     try:
         url = make_url(address)
     except (SQLAlchemyError, ValueError):

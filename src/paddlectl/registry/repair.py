@@ -1,6 +1,7 @@
 """`registry repair`: makes the index again from manifests and objects. It tells all that it does.
 
 Nothing is thrown away: a damaged index stays beside the new one; what can't be used is moved into `aside/`.
+Rows that can't be kept leave the index only if that was asked for.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +16,8 @@ from paddlectl.registry import layout, manifests
 from paddlectl.registry.check import check
 from paddlectl.registry.faults import faults
 from paddlectl.registry.findings import Finding, Report
-from paddlectl.registry.names import number_of
+from paddlectl.registry.names import is_id, number_of
+from paddlectl.registry.rights import make_folder
 from paddlectl.registry.schema import policy_record, run_records, runs
 from paddlectl.registry.store import Registry, database_of
 
@@ -31,20 +33,26 @@ class Repaired:
 
     Attributes:
         done: One line for each thing that was changed.
+        lost: One line for each row that can't be kept; nothing was changed then.
         left: What couldn't be mended.
     """
 
     done: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
     left: list[Finding] = field(default_factory=list)
 
 
-def repair(location: str | Path) -> Repaired:
+def repair(location: str | Path, *, drop_lost: bool = False) -> Repaired:
     """Mends a registry as far as its manifests and objects allow.
+
+    Args:
+        location: The registry.
+        drop_lost: Whether rows that can't be kept may leave the index.
 
     Raises:
         NotFoundError: If there is none.
         SchemaVersionError: If a newer paddlectl wrote it.
-        IntegrityError: If there is nothing to mend it from.
+        IntegrityError: If there is nothing to mend it from, or its folder isn't its own.
     """
     index = database_of(location)
     told = Repaired()
@@ -57,9 +65,13 @@ def repair(location: str | Path) -> Repaired:
         )
     if not report.faults and "stopped run" not in kinds:
         return told
+    rows, before = _desired(report, told), report.rows
+    if told.lost and not drop_lost:
+        return Repaired(lost=told.lost, left=report.faults)
+    told.done += [f"{line}; it is gone from the index" for line in told.lost]
+    told.lost = []
     with faults(index.shown):
         layout.make(index.folder)
-        rows, before = _desired(report, told), report.rows
         if kinds & _REBUILT:
             old, before = index.renew("damaged"), {}
             told.done.append(f"a new index was made; the old one is {old}" if old else "a new index was made")
@@ -84,23 +96,29 @@ def _desired(report: Report, told: Repaired) -> Rows:
     for name in names:
         row = _better(name, report.rows.get(name), report.manifests.get(name))
         if row is None:
-            told.done.append(
-                f"{name}: neither its row nor its manifest can be read; it is gone from the index"
-            )
+            told.lost.append(f"{name}: neither its row nor its manifest can be read")
         elif name.startswith("policy-") and f"objects/{row['checkpoint']}.safetensors" in lost:
-            told.done.append(f"{name}: its checkpoint is lost; it is gone from the index")
+            told.lost.append(f"{name}: its checkpoint is lost")
         else:
             if name not in report.rows:
                 told.done.append(f"{name}: entered again from its manifest")
             elif row != report.rows[name]:
                 told.done.append(f"{name}: entered as its manifest says")
             rows[name] = row
+    if not report.readable:
+        told.lost += _without_manifest(report, {*report.rows, *report.manifests})
     _known_by_their_policies(rows, told)
     for finding in report.findings:
-        if finding.kind == "stopped run" and rows[finding.where]["status"] == "running":
+        if finding.kind == "stopped run" and rows.get(finding.where, {}).get("status") == "running":
             rows[finding.where] |= {"status": "interrupted", "finished": _now()}
             told.done.append(f"{finding.where}: no process goes on with it; it is interrupted")
     return dict(sorted(rows.items(), key=lambda item: (item[0][0] != "r", _number(item[0]))))
+
+
+def _without_manifest(report: Report, known: set[str]) -> list[str]:
+    """What an index that can't be read must have held, but no manifest tells."""
+    found = {f.where for f in report.faults if f.kind in ("damaged manifest", "lost run") and is_id(f.where)}
+    return [f"{name}: neither its row nor its manifest can be read" for name in sorted(found - known)]
 
 
 def _better(
@@ -160,7 +178,7 @@ def _move_aside(report: Report, rows: dict[str, Any], folder: Path, told: Repair
     for path in dict.fromkeys(paths):
         if path.exists() or path.is_symlink():
             place = aside / path.relative_to(folder)
-            place.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(place.parent)
             path.rename(place)
             told.done.append(f"{path.relative_to(folder)}: moved to {place.relative_to(folder)}")
 
@@ -211,7 +229,7 @@ def _seal(
     """Writes the manifests that are missing, or say otherwise than their rows."""
     for name in rows:
         if name.startswith("run-"):
-            (registry.folder / "runs" / name).mkdir(exist_ok=True)
+            make_folder(registry.folder / "runs" / name)
         manifest = report.manifests.get(name)
         if manifest is None and not manifests.path_of(registry.folder, name).exists():
             manifests.write(registry.folder, layout.manifest_of(registry.folder, connection, name))

@@ -23,7 +23,7 @@ from paddlectl.registry.documents import from_json
 from paddlectl.registry.records import PolicyRecord, RunRecord
 
 # Every revision in migrations/versions, oldest first. Kept here so that reading needs no alembic.
-REVISIONS = ("0001", "0002")
+REVISIONS = ("0001", "0002", "0003")
 
 # Named, because SQLite's batch migrations can only change constraints that have names.
 metadata = MetaData(
@@ -80,6 +80,8 @@ policies = Table(
     Column("metadata", Text, nullable=False),
     sqlite_autoincrement=True,
 )
+
+identity = Table("identity", metadata, Column("id", Text, primary_key=True))  # one row
 
 _REPAIR = "run: paddlectl registry repair"
 _VALUES = {"INTEGER": int, "BIGINT": int, "FLOAT": float, "TEXT": str}

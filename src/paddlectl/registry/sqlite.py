@@ -11,9 +11,10 @@ from pathlib import Path
 from sqlalchemy import Connection, Engine, NullPool, create_engine, event
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import database, layout, schema
+from paddlectl.registry import database, identity, layout, schema
 from paddlectl.registry.faults import busy
 from paddlectl.registry.objects import sync_folder
+from paddlectl.registry.rights import opened
 
 
 class SqliteDatabase:
@@ -25,6 +26,7 @@ class SqliteDatabase:
         self.shown = str(folder)
         self.folder = folder
         self.path = folder / self.file
+        self.advice = "put registry.db back into its own folder"
 
     def reading(self) -> Engine:
         return _engine(self.path, "BEGIN", "PRAGMA foreign_keys=ON")
@@ -49,22 +51,26 @@ class SqliteDatabase:
         self.folder.mkdir(parents=True, exist_ok=True)
         with _locked(self.folder):
             if not self.exists():
+                identity.require_unowned(self)
                 layout.refuse_orphans(self.folder)
                 layout.make(self.folder)
-                self._build()
+                self._build(new=True)
 
     def upgrade(self) -> None:
         """A copy, `registry.db.<old revision>.<time>`, is made first and stays."""
         with _locked(self.folder), _migrating(self.path).begin() as connection:
             found = database.stamp(connection, self.file)
             if found in schema.REVISIONS[:-1]:  # else another process was first
+                identity.require_before_upgrade(self, connection)
                 self.copy(found)
                 _migrate(connection)
                 layout.make(self.folder)
+                identity.give(self, connection)
                 layout.seal_all(self.folder, connection)
 
     def copy(self, label: str) -> str:
         copy = self._aside(label)
+        opened(copy, "xb").close()
         with closing(_connect(self.path)) as source, closing(sqlite3.connect(copy)) as target:
             source.backup(target)
         sync_folder(self.folder)
@@ -72,6 +78,7 @@ class SqliteDatabase:
 
     def renew(self, label: str) -> str:
         with _locked(self.folder):
+            identity.require_unowned(self)
             aside = self._aside(label)
             for suffix in ("-journal", "-wal", "-shm"):  # else they would be taken for the new file's
                 side = self.path.with_name(self.path.name + suffix)
@@ -80,7 +87,7 @@ class SqliteDatabase:
             if self.exists():
                 self.path.rename(aside)
             layout.make(self.folder)
-            self._build()
+            self._build(new=False)
         return aside.name if aside.exists() else ""
 
     def count_from(self, connection: Connection, kind: str, number: int) -> None:
@@ -97,13 +104,14 @@ class SqliteDatabase:
         moment = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
         return self.path.with_name(f"{self.path.name}.{label}.{moment}")
 
-    def _build(self) -> None:
+    def _build(self, *, new: bool) -> None:
         fresh = self.path.with_name("registry.db.new")
         for leftover in self.folder.glob("registry.db.new*"):
             leftover.unlink()
-        fresh.touch()
+        opened(fresh, "xb").close()
         with _migrating(fresh).begin() as connection:
             _migrate(connection)
+            identity.give(self, connection, new=new)
         fresh.rename(self.path)
         sync_folder(self.folder)
 
@@ -153,7 +161,7 @@ def _locked(folder: Path) -> Iterator[None]:
     POSIX only, and no better than the file system's own locks, as SQLite itself.
     """
     deadline = time.monotonic() + database.WAIT
-    with (folder / "registry.lock").open("ab") as file:
+    with opened(folder / "registry.lock", "ab") as file:
         while True:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -12,7 +12,8 @@ from typing import Any, Self
 from sqlalchemy import Connection, select, update
 
 from paddlectl.errors import NotFoundError, UsageError
-from paddlectl.registry import documents, fields, layout, objects
+from paddlectl.registry import documents, fields, identity, layout, objects
+from paddlectl.registry.addresses import is_like_one
 from paddlectl.registry.database import Database, stamp
 from paddlectl.registry.entry import Entry
 from paddlectl.registry.faults import faults
@@ -24,6 +25,7 @@ from paddlectl.registry.schema import REVISIONS, policies, policy_records, run_r
 from paddlectl.registry.sqlite import SqliteDatabase
 
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
+_PLACES = "give a folder, or postgresql://…?files=FOLDER"
 
 
 class Registry(Entry):
@@ -59,12 +61,13 @@ class Registry(Entry):
         Raises:
             NotFoundError: If there is none and none shall be made.
             SchemaVersionError: If a newer paddlectl wrote it; nothing is touched then.
-            IntegrityError: If it is damaged.
+            IntegrityError: If it is damaged, or its folder isn't its own.
         """
         registry = cls(location)
         index = registry._database
         with faults(index.shown):
             if not index.exists():
+                identity.require_unowned(index)
                 if not create:
                     layout.refuse_orphans(index.folder)
                     raise NotFoundError(f"no registry at {index.shown}", "run: paddlectl train BoxDoor")
@@ -73,8 +76,9 @@ class Registry(Entry):
                 found = stamp(connection, index.file)
             if found in REVISIONS[:-1]:
                 index.upgrade()
-        with registry._transaction(registry._reading):
-            return registry
+        with registry._transaction(registry._reading) as connection:
+            identity.require(index, identity.of_index(connection))
+        return registry
 
     def close(self) -> None:
         """Ends the use of the registry."""
@@ -351,7 +355,9 @@ def database_of(location: str | Path) -> Database:
     if re.match(r"postgres(ql)?(\+psycopg)?://", text):
         return PostgresDatabase("postgresql" + text[text.index("://") :])
     if address := _ADDRESS.match(text):
-        raise UsageError(f"a registry can't be at a {address[1]} address", "give a folder")
+        raise UsageError(f"a registry can't be at a {address[1]} address", _PLACES)
+    if is_like_one(text):
+        raise UsageError("that is no place for a registry: it looks like an address", _PLACES)
     if not text or "\0" in text:
         raise UsageError("that is no place for a registry", "give a folder")
     return SqliteDatabase(Path(text))
