@@ -228,11 +228,20 @@ def test_closed_streams_are_no_fault(registry: Registry, closed: str, code: int)
 
 
 SLOW = """
-import sys, time
+import atexit, sys, time
 from paddlectl.cli import app
 def wait(**_):
     print("ready", flush=True)
-    time.sleep(60)
+    try:
+        time.sleep(60)
+    finally:
+        print("clean-up", flush=True)
+        time.sleep(0.3)
+        print("done", flush=True)
+def leave():
+    print("leaving", flush=True)
+    time.sleep(0.3)
+atexit.register(leave)
 app.make_app = lambda loaded: wait
 sys.argv = ["paddlectl", "runs"]
 sys.exit(app.main())
@@ -255,3 +264,78 @@ def test_an_interrupt_has_its_own_exit_code(number: signal.Signals, code: int) -
         child.send_signal(number)
         assert child.wait(10) == code
         assert child.stderr.read().splitlines() in ([], ["interrupted"])
+
+
+def stormed(line: str | tuple[str, ...], at: str, wait: float, **variables: str) -> tuple[int, str, str]:
+    """A process that gets four ^C within half a second, from so long after it printed a line."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")} | variables
+    child = subprocess.Popen(
+        [sys.executable, "-c", *((line,) if isinstance(line, str) else line)],
+        env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    assert child.stdout is not None
+    while child.stdout.readline() not in (f"{at}\n", ""):
+        pass
+    time.sleep(wait)
+    for _ in range(4):
+        if child.poll() is None:
+            os.killpg(child.pid, signal.SIGINT)
+        time.sleep(0.1)
+    out, err = child.communicate(timeout=60)
+    return child.returncode, out, err
+
+
+@pytest.mark.parametrize("at", ["ready", "clean-up", "leaving"])
+def test_interrupts_in_a_row_count_as_one_and_let_it_clean_up(at: str) -> None:
+    if at != "ready":
+        script = SLOW.replace("time.sleep(60)", "pass")
+        assert stormed(script, at, 0.0) == (
+            (130, "leaving\n", "interrupted\n") if at == "clean-up" else (0, "", "")
+        )
+    else:
+        assert stormed(SLOW, at, 0.1) == (130, "clean-up\ndone\nleaving\n", "interrupted\n")
+
+
+BEGIN = """
+import sys
+from paddlectl.cli.app import main
+print("begin", flush=True)
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(
+    "line, wait",
+    [
+        ("--help", 0.0),
+        ("runs", 0.05),
+        ("explain", 0.1),
+        (f"similarity --target {TARGET}", 0.2),
+        ("train BoxDoor --frames 2048", 0.7),
+        ("train BoxDoor", 2.5),
+    ],
+)
+def test_interrupts_at_any_moment_leave_no_traceback(registry: Registry, line: str, wait: float) -> None:
+    code, _, err = stormed((BEGIN, *line.split()), "begin", wait, PADDLECTL_REGISTRY=registry.location)
+    assert code in (0, 130)
+    assert err.splitlines()[-1:] in ([], ["interrupted"]) and "Traceback" not in err
+
+
+def test_an_interrupt_that_is_lost_can_be_given_again(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Deaf:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    def make(_: object) -> object:
+        def run(**_: object) -> None:
+            Deaf()
+            signal.raise_signal(signal.SIGINT)
+            raise AssertionError("it goes on")
+
+        return run
+
+    monkeypatch.setattr(app, "make_app", make)
+    answer = command("runs")
+    assert (answer.code, answer.err) == (130, "interrupted\n")

@@ -40,7 +40,7 @@ def tenths(value: Any) -> str:
 
 
 def size(items: Any) -> str:
-    return str(len(items))
+    return "–" if items is None else str(len(items))
 
 
 def yes(value: Any) -> str:
