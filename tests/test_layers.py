@@ -15,7 +15,7 @@ FLOOR = {
     "hybrid": 2, "transfer.similarity": 2, "transfer.performance": 2, "transfer.guidance": 2,
     "transfer.documents": 2, "registry": 2,
     "tasks": 1, "learners": 1,
-    "logic": 0, "errors": -1,
+    "logic": 0, "whole": 0, "errors": -1,
 }  # fmt: skip
 HOMES = {
     "torch": {"learners", "hybrid", "transfer", "experiments"},

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from paddlectl.cli.options import (
+    FRAMES,
     AsJson,
     CheckpointEvery,
     ManySeeds,
@@ -37,7 +38,9 @@ def train(
     seeds: ManySeeds = None,
     frames: Annotated[
         int | None,
-        typer.Option(min=1, metavar="N", help="At most so many environment steps.", show_default=False),
+        typer.Option(
+            parser=FRAMES, metavar="N", help="At most so many environment steps.", show_default=False
+        ),
     ] = None,
     preset: Annotated[
         str | None,

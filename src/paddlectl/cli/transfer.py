@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from paddlectl.cli.options import (
+    FRAMES,
     AsJson,
     CheckpointEvery,
     ManySeeds,
@@ -13,6 +14,7 @@ from paddlectl.cli.options import (
     RegistryPlace,
     chosen_seeds,
     complete_scenarios,
+    file_at,
 )
 from paddlectl.errors import NotFoundError, UsageError
 
@@ -30,6 +32,7 @@ def transfer(
     file: Annotated[
         Path,
         typer.Argument(
+            parser=file_at,
             metavar="FILE.yaml",
             autocompletion=complete_scenarios,
             help="A scenario: target, sources, method, seeds, frames.",
@@ -45,7 +48,10 @@ def transfer(
     frames: Annotated[
         int | None,
         typer.Option(
-            min=1, metavar="N", help="Environment steps, instead of the scenario's.", show_default=False
+            parser=FRAMES,
+            metavar="N",
+            help="Environment steps, instead of the scenario's.",
+            show_default=False,
         ),
     ] = None,
     train_missing: Annotated[

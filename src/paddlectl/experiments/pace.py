@@ -28,7 +28,7 @@ class Pace:
         every: Seconds between two checkpoints; 0 for one after each round.
         stop: Asked whether to end.
         resumed: The run to go on with; None for a new one.
-        tell: Told of checkpoints that had to be left out.
+        tell: Told of checkpoints that had to be left out, and of budgets that are too small.
     """
 
     def __init__(
@@ -54,6 +54,11 @@ class Pace:
             return new()
         with registry.hold(self.resumed):
             return registry.resume_run(self.resumed)
+
+    def tell_of_rounds(self, frames: int, round_: int) -> None:
+        """Says that a budget is less than the one round that is always run."""
+        if self.resumed is None and frames < round_:
+            self.tell(f"{round_:,} frames are run instead of {frames:,}: a round has so many")
 
     @contextmanager
     def rounds(self, registry: Registry, log: RunLog, roots: dict[str, Any]) -> Iterator[Callable[[], None]]:

@@ -64,12 +64,13 @@ def train_source(
     with recorded(registry, run) as log:
         policy = HybridPolicy(task, job.seed, settings)
         learning = training.train(policy, job.seed, frames)
+        pace.tell_of_rounds(frames, learning.round)
         with pace.rounds(registry, log, {"learning": learning}) as after_round:
             for round_ in learning:
                 log.add(round_)
                 crisp = crispness(policy, log.known()[-RECENT:])
                 log.write(round_, crispness=crisp)
-                report(log.progress(frames, f"crisp {crisp:.2f}"))
+                report(log.progress(max(frames, learning.round), f"crisp {crisp:.2f}"))
                 after_round()
         kept = keep(registry, run, policy, log)
         log.results = _figures(kept)
