@@ -13,7 +13,7 @@ FLOOR = {
     "experiments": 4, "report": 4, "statistics": 4,
     "transfer": 3, "scenario": 3,  # below experiments, which runs scenarios
     "hybrid": 2, "transfer.similarity": 2, "transfer.performance": 2, "transfer.guidance": 2,
-    "transfer.documents": 2, "registry": 2,
+    "transfer.documents": 2, "registry": 2, "whole": 2.5,
     "tasks": 1, "learners": 1,
     "logic": 0, "errors": -1,
 }  # fmt: skip

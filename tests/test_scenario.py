@@ -72,13 +72,46 @@ MISTAKES = [
     ("[0, 1, 2]", "[0, 1, 1]", "5:15: 1 stands twice in seeds"),
     ("[0, 1, 2]", "[0, -1]", "5:12: seeds.1: input should be greater than or equal to 0"),
     ("[0, 1, 2]", "[]", "5:8: seeds: must not be empty"),
-    ("[0, 1, 2]", "3", "5:8: seeds: must be a list"),
+    ("[0, 1, 2]", "{0: 1}", "5:9: a key must be a plain text"),
+    ("[0, 1, 2]", "null", "5:8: seeds: must be a list"),
     ("[0, 1, 2]", "[true]", "5:9: seeds.0: must be a whole number"),
     ("400000", "0", "6:9: frames: input should be greater than 0"),
-    ("400000", "4e5", "6:9: frames: must be a whole number"),
-    ("400000", '"400000"', "6:9: frames: must be a whole number"),
-    ("400000", "1:30", "6:9: frames: must be a whole number"),
-    ("400000", "0100", "6:9: frames: must be a whole number"),
+    ("400000", "4.5", "6:9: frames: must be a whole number; write it in digits"),
+    ("400000", "4e-1", "6:9: frames: must be a whole number; write it in digits"),
+    ("400000", "1e20", "6:9: frames: must be a whole number; write it in digits"),
+    ("400000", "400000.0000000000000001", "6:9: frames: must be a whole number; write it in digits"),
+    ("400000", '"400000"', "6:9: frames: must be a whole number; write 400000"),
+    ("400000", '"4e5"', "6:9: frames: must be a whole number; write 400000"),
+    ("400000", "400k", "6:9: frames: must be a whole number; write 400000"),
+    ("400000", "0.4M", "6:9: frames: must be a whole number; write 400000"),
+    ("400000", "400,000", "6:9: frames: must be a whole number; write 400000"),
+    ("400000", "400 000", "6:9: frames: must be a whole number; write 400000"),
+    ("400000", "400_000", "6:9: frames: must be a whole number; write 400000"),
+    ("400000", "\u0664\u0660", "6:9: frames: must be a whole number; write 40"),
+    ("400000", "010", "6:9: frames: must be a whole number; write 10"),
+    ("400000", "1:30", "6:9: frames: must be a whole number; write it in digits"),
+    ("400000", "yes", "6:9: frames: must be a whole number; write it in digits"),
+    ("400000", "true", "6:9: frames: must be a whole number; write it in digits"),
+    ("400000", ".inf", "6:9: frames: must be a whole number; write it in digits"),
+    ("[0, 1, 2]", "0..5", "5:8: not seeds: '0..5'; write 0-5"),
+    ("[0, 1, 2]", "0 to 5", "5:8: not seeds: '0 to 5'; write 0-5"),
+    ("[0, 1, 2]", "0\u20135", "5:8: not seeds: '0\u20135'; write 0-5"),
+    ("[0, 1, 2]", "0:5", "5:8: not seeds: '0:5'; write 0-5"),
+    ("[0, 1, 2]", '"[0, 3, 7]"', "5:8: not seeds: '[0, 3, 7]'; write 0,3,7"),
+    ("[0, 1, 2]", "0 3 7", "5:8: not seeds: '0 3 7'; write 0,3,7"),
+    ("[0, 1, 2]", "yes", "5:8: not seeds: 'yes'; write them as 0-5 or 0,3,7"),
+    ("[0, 1, 2]", "0-5,3", "5:8: a seed stands twice in '0-5,3'; write it once"),
+    ("[0, 1, 2]", "5-0", "5:8: not seeds: '5-0'; the lower one first"),
+    ("[0, 1, 2]", "-1", "5:8: not seeds: '-1'"),
+    ("[0, 1, 2]", "[0-5, 7]", "5:9: seeds.0: must be a whole number; write seeds: 0-5, without brackets"),
+    ("[0, 1, 2]", '["3"]', "5:9: seeds.0: must be a whole number; write 3"),
+    ("[BlockedDoor, GapBall]", "GapBall", "3:10: sources: must be a list; write [GapBall]"),
+    ("name: A", "name: 7.0", '1:7: name: must be a text; write "7.0"'),
+    ("name: A", "name: true", '1:7: name: must be a text; write "true"'),
+    ("0.8", '"0.8"', "7:27: similarity.body_weight: must be a number; write 0.8"),
+    ("0.8", "80%", "7:27: similarity.body_weight: must be a number; write 0.8"),
+    ("0.8", "yes", "7:27: similarity.body_weight: must be a number; write it in digits, as 0.8"),
+    ("{mode: default}", "paper", "8:11: guidance: must be a mapping of keys to values; write {mode: paper}"),
     ("400000", "9" * 5000, "6:9: a number of more than 18 digits"),
     ("400000", "&x 400000", "6:9: anchors and aliases aren't allowed; write the value out"),
     ("400000", "*x", "6:9: anchors and aliases aren't allowed; write the value out"),
@@ -111,6 +144,28 @@ MISTAKES = [
 def test_a_mistake_is_told_with_its_place(tmp_path: Path, old: str, new: str, told: str) -> None:
     assert GOOD.count(old) >= 1
     assert refusal(tmp_path, GOOD.replace(old, new, 1)).startswith(told)
+
+
+@pytest.mark.parametrize("text", ["400000", "4e5", "4E+5", "400000.0", "400000.", "+400000", "40000000e-2"])
+def test_a_whole_number_in_any_decimal_form(tmp_path: Path, text: str) -> None:
+    found = load_scenario(write(tmp_path, GOOD.replace("400000", text)))
+    assert found.frames == 400_000 and type(found.frames) is int
+
+
+@pytest.mark.parametrize(
+    "text, seeds",
+    [
+        ("0-5", (0, 1, 2, 3, 4, 5)),
+        ('"0,3,7"', (0, 3, 7)),
+        ("0,3,7", (0, 3, 7)),
+        ("7, 0-2", (7, 0, 1, 2)),
+        ("3", (3,)),
+        ("1e1", (10,)),
+        ("[1e1, 2.0]", (10, 2)),
+    ],
+)
+def test_seeds_as_on_the_command_line(tmp_path: Path, text: str, seeds: tuple[int, ...]) -> None:
+    assert load_scenario(write(tmp_path, GOOD.replace("[0, 1, 2]", text))).seeds == seeds
 
 
 def test_of_two_mistakes_the_first_in_the_file_is_told(tmp_path: Path) -> None:
@@ -157,6 +212,24 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     assert caught.value.hint == f"did you mean {tmp_path / 'x.yaml'}?"
     with pytest.raises(InvalidFileError, match="not a file"):
         load_scenario(tmp_path)
+
+
+def test_links_that_lead_to_no_file(tmp_path: Path) -> None:
+    loop, lost = tmp_path / "loop.yaml", tmp_path / "lost.yaml"
+    loop.symlink_to(loop)
+    lost.symlink_to(tmp_path / "gone.yaml")
+    (tmp_path / "x").symlink_to(tmp_path / "x")
+    for path, told in (
+        (loop, "symbolic links that lead in a circle"),
+        (tmp_path / "x" / "a.yaml", "symbolic links that lead in a circle"),
+        (lost, f"{lost} is a link to {tmp_path / 'gone.yaml'}, where no file is"),
+    ):
+        with pytest.raises(NotFoundError) as caught:
+            load_scenario(path)
+        assert told in caught.value.message and "did you mean" not in caught.value.hint
+    with pytest.raises(NotFoundError) as caught:
+        load_scenario(tmp_path / "los.yaml")
+    assert caught.value.hint == ""
 
 
 @settings(max_examples=300, deadline=None)

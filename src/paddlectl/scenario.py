@@ -1,9 +1,11 @@
 """Scenario files: YAML with a position for every value, a closed schema, mistakes told by file:line:column.
 
 The reading is narrower than YAML on purpose: no aliases, anchors, tags, duplicate keys or second document,
-at most 1 MB and 16 levels, and scalars as in JSON (`1:30`, `0100` and `yes` are texts, not 90, 64 and true).
+at most 1 MB and 16 levels, and scalars as in JSON (`1:30`, `0100` and `yes` are texts, not 90, 64 and true);
+`4e5` and `400000.0` are whole numbers.
 """
 
+import errno
 import json
 import math
 import re
@@ -13,9 +15,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from paddlectl.errors import InvalidFileError, NotFoundError
+from paddlectl import whole
+from paddlectl.errors import InvalidFileError, NotFoundError, UsageError
 from paddlectl.registry import fields
 from paddlectl.tasks.suite import load, names
 from paddlectl.transfer.guidance import PaperSettings
@@ -24,7 +27,6 @@ METHODS = ("paddle", "hdm")
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 16
 MAX_VALUES = 10_000
-MAX_DIGITS = 18
 
 _KEY = -1  # stands in a path for a key while it is read
 _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)")
@@ -34,6 +36,18 @@ _WORDS = {"": None, "~": None, "null": None, "true": True, "false": False}
 
 class _Closed(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, hide_input_in_errors=True)
+
+
+def _seeds(value: Any) -> Any:
+    """`0-5`, `0,3,7` or one seed, as on the command line, or what a list holds."""
+    if isinstance(value, list):
+        return tuple(value)
+    if not isinstance(value, str) and type(value) is not int:
+        return value
+    try:
+        return whole.seeds(str(value))
+    except UsageError as error:
+        raise ValueError(f"{error.message}; {error.hint}") from None
 
 
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
@@ -99,7 +113,9 @@ class Scenario(_Closed):
     target: str
     sources: Annotated[tuple[str, ...], Field(min_length=1, max_length=fields.MOST_SOURCES)]
     method: str = METHODS[0]
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=fields.MOST_SEEDS)] = (0,)
+    seeds: Annotated[
+        tuple[Seed, ...], Field(min_length=1, max_length=fields.MOST_SEEDS), BeforeValidator(_seeds)
+    ] = (0,)
     frames: Annotated[int, Field(gt=0, le=fields.MOST_FRAMES)] = 400_000
     similarity: Similarity = Similarity()
     guidance: Guidance = Guidance()
@@ -136,7 +152,7 @@ def load_scenario(path: Path) -> Scenario:
     try:
         scenario = Scenario.model_validate_json(json.dumps(document))
     except ValidationError as error:
-        problems = [_told(found) for found in error.errors(include_url=False, include_input=False)]
+        problems = [_told(found, reader) for found in error.errors(include_url=False, include_input=False)]
     else:
         problems = list(_misuses(scenario))
         if not problems:
@@ -156,10 +172,14 @@ def unknown(kind: str, name: str, known: tuple[str, ...]) -> str:
 
 
 def _read(path: Path) -> str:
-    if not path.exists():
-        lowered = {other.name.lower(): other for other in path.parent.glob("*.yaml")}
-        near = get_close_matches(path.name.lower(), lowered, n=1)
-        raise NotFoundError(f"no file {path}", f"did you mean {lowered[near[0]]}?" if near else "")
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # no path can hold what the last is for
+        raise _absent(path) from None
+    except OSError as error:
+        if error.errno != errno.ELOOP:
+            raise
+        raise NotFoundError(f"{path}: symbolic links that lead in a circle", "mend the links") from None
     if not path.is_file():
         raise InvalidFileError(f"{path}:1:1: not a file")
     with path.open("rb") as stream:
@@ -171,6 +191,14 @@ def _read(path: Path) -> str:
     except UnicodeDecodeError as error:
         mark = _mark_at(data[: error.start].decode("utf-8", "replace"))
         raise InvalidFileError(f"{path}:{mark.line}:{mark.column}: not UTF-8 text") from None
+
+
+def _absent(path: Path) -> NotFoundError:
+    if path.is_symlink():
+        return NotFoundError(f"{path} is a link to {path.readlink()}, where no file is", "mend the link")
+    lowered = {other.name.lower(): other for other in path.parent.glob("*.y*ml") if other.is_file()}
+    near = get_close_matches(path.name.lower(), lowered, n=1)
+    return NotFoundError(f"no file {path}", f"did you mean {lowered[near[0]]}?" if near else "")
 
 
 def _mark_at(before: str) -> Mark:
@@ -222,7 +250,7 @@ _SAID = {
 }
 
 
-def _told(error: Any) -> Problem:
+def _told(error: Any, reader: "_Reader") -> Problem:
     path: KeyPath = tuple(error["loc"])
     kind, context = error["type"], error.get("ctx", {})
     if kind == "missing":
@@ -234,7 +262,43 @@ def _told(error: Any) -> Problem:
         return Problem(path, str(context["error"]))
     text = _SAID.get(kind, error["msg"][:1].lower() + error["msg"][1:])
     where = ".".join(str(part) for part in path) or "a scenario"
-    return Problem(path, f"{where}: {text}", absent=kind == "too_short")
+    written = reader.written(path)
+    advice = _advice(path, kind, written) if written is not None else ""
+    return Problem(path, f"{where}: {text}{advice and f'; {advice}'}", absent=kind == "too_short")
+
+
+def _advice(path: KeyPath, kind: str, written: str) -> str:
+    """What to write instead of a value of the wrong type."""
+    match kind:
+        case "int_type" | "int_from_float" if path[0] == "seeds" and _is_range(written):
+            return f"write seeds: {written}, without brackets"
+        case "int_type" | "int_from_float":
+            return whole.advice(written)
+        case "float_type":
+            return f"write {_share(written)}"
+        case "string_type":
+            return f'write "{written}"'
+        case "tuple_type":
+            return f"write [{written}]"
+        case "model_type" | "model_attributes_type" if path in _SECTIONS and path:
+            return f"write {{{next(iter(_SECTIONS[path].model_fields))}: {written}}}"
+    return ""
+
+
+def _is_range(text: str) -> bool:
+    try:
+        return len(whole.seeds(text)) > 1
+    except UsageError:
+        return False
+
+
+def _share(text: str) -> str:
+    """The number of `0,8` or `80 %`, or of a text in quotes."""
+    found = re.fullmatch(r"\s*([0-9]*)[.,]?([0-9]*)\s*(%?)\s*", text[:80])
+    if not found or not found[1] + found[2]:
+        return "it in digits, as 0.8"
+    value = float(f"{found[1] or 0}.{found[2] or 0}")
+    return f"{value / 100 if found[3] else value:g}"
 
 
 class _Reader:
@@ -245,6 +309,7 @@ class _Reader:
         self._text = text
         self._values: dict[KeyPath, Mark] = {(): Mark(1, 1)}
         self._keys: dict[KeyPath, Mark] = {}
+        self._written: dict[KeyPath, str] = {}
         self._events = yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
     def document(self) -> Any:
@@ -266,6 +331,11 @@ class _Reader:
         while path not in self._values:
             path = path[:-1]
         return self._values[path]
+
+    def written(self, path: KeyPath) -> str | None:
+        """A plain value as it is written, if it is short and in one line."""
+        text = self._written.get(path, "")
+        return text if text.isprintable() and 0 < len(text) <= 80 else None
 
     def error(self, mark: Mark, message: str) -> InvalidFileError:
         return InvalidFileError(f"{self._name}:{mark.line}:{mark.column}: {message}")
@@ -302,6 +372,7 @@ class _Reader:
         if len(path) > MAX_DEPTH:
             raise self._at(event, f"nested deeper than {MAX_DEPTH} levels")
         if isinstance(event, yaml.ScalarEvent):
+            self._written[path] = event.value
             return self._scalar(event)
         if isinstance(event, yaml.SequenceStartEvent):
             return self._sequence(path)
@@ -332,21 +403,22 @@ class _Reader:
         if text.lower() in _WORDS and text in (text.lower(), text.upper(), text.capitalize()):
             return _WORDS[text.lower()]
         if _INTEGER.fullmatch(text):
-            if len(text) > MAX_DIGITS:
-                raise self._at(event, f"a number of more than {MAX_DIGITS} digits")
+            if len(text) > whole.MOST_DIGITS:
+                raise self._at(event, f"a number of more than {whole.MOST_DIGITS} digits")
             return int(text)
         if _FLOAT.fullmatch(text) and any(character.isdigit() for character in text):
             return self._float(event)
         return text
 
-    def _float(self, event: Any) -> float:
+    def _float(self, event: Any) -> float | int:
         try:
             value = float(event.value)
         except ValueError:  # `e5`: digits in the exponent alone
             return event.value  # type: ignore[no-any-return]
         if not math.isfinite(value):
             raise self._at(event, "a number too large to hold")
-        return value
+        number = whole.whole(event.value)
+        return value if number is None else number
 
 
 def _mark_of(mark: Any) -> Mark:

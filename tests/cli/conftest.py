@@ -20,7 +20,8 @@ def command(
 ) -> Iterator[Command]:
     """Runs one command line in this process, through its error boundary."""
     monkeypatch.setenv("PADDLECTL_REGISTRY", str(tmp_path / "registry"))
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
 
     def run(*arguments: object) -> Answer:
         monkeypatch.setattr(sys, "argv", ["paddlectl", *map(str, arguments)])

@@ -174,22 +174,29 @@ def test_from_scratch_no_source_is_needed(command: Command, monkeypatch: pytest.
     assert [(job.method, job.sources) for job in asked] == [("hdm", ())]
 
 
+LISTS = ("runs", "policies", "tasks", "registry check")
+TEXTS = ("show GapBall", f"similarity --target {TARGET}", "explain")
+
+
+@pytest.mark.parametrize("line", LISTS + TEXTS)
 def test_half_an_id_is_never_shown(
-    registry: Registry, command: Command, monkeypatch: pytest.MonkeyPatch
+    registry: Registry, command: Command, line: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    for line in ("runs", "policies"):
-        lines = command(line).out.splitlines()
-        assert max(map(len, lines)) <= 80
-        assert all(any(f"{kind}-{n}" in text for text in lines) for kind in ("run", "policy") for n in "123")
-    assert "finished" in command("runs").out
+    add_transfer(registry)
+    (registry.folder / "objects" / "left").write_text("")
+    ids = {"runs": "run-4 policy-4", "policies": "run-4 policy-4", "explain": "run-4: BlockedDoor"}
+    for width in (20, 47, 79, 80, 99, 200):
+        monkeypatch.setenv("COLUMNS", str(width))
+        lines = command(*line.split()).out.splitlines()
+        assert all(len(text.rstrip()) <= max(width, 36) for text in lines), width
+        assert all(any(name in text for text in lines) for name in ids.get(line, "").split()), width
 
 
 def test_an_unknown_width_and_a_narrow_encoding(registry: Registry, process: Process) -> None:
     where = {"PADDLECTL_REGISTRY": registry.location, "COLUMNS": "0", "PYTHONIOENCODING": "ascii"}
     told = process("similarity", "--target", TARGET, **where)
     assert (told.returncode, told.stderr) == (0, "")
-    assert "? of BlockedBoxUnlockPickup from BlockedDoor (policy-1)" in told.stdout
+    assert "Psi of BlockedBoxUnlockPickup from BlockedDoor (policy-1)" in told.stdout
     assert "has_key(agent)" in told.stdout
 
 

@@ -31,14 +31,19 @@ USAGE = [
     ("trian", "Did you mean 'train'"),
     ("runs --jsn", "--jsn; did you mean --json?"),
     ("show", "Missing argument 'POLICY'"),
-    ("train BoxDoor --seed x", "'x' is not a valid int"),
-    ("train BoxDoor --seed -1", "not seeds: '-1'"),
+    ("train BoxDoor --seed x", "'x' is no whole number; write it in digits"),
+    ("train BoxDoor --seed -1", "-1 is not in the range 0 to 4294967295"),
+    ("train BoxDoor --frames 400k", "'400k' is no whole number; write 400000"),
+    ("train BoxDoor --frames 400,000", "'400,000' is no whole number; write 400000"),
+    ("train BoxDoor --seeds 0..5", "write 0-5"),
+    ("evaluate BoxDoor --episodes 1.5", "'1.5' is no whole number"),
     ("train BoxDoor --seeds 5-0", "the lower one first"),
     ("train BoxDoor --seeds 0,0", "a seed stands twice"),
     ("train BoxDoor --seeds 0-99999999", "more than 1000 seeds"),
-    ("train BoxDoor --seeds 1,,2", "write them as 0-5 or 0,3,7"),
+    ("train BoxDoor --seeds 1,,2", "write 1,2"),
+    ("train BoxDoor --seeds x", "write them as 0-5 or 0,3,7"),
     ("train BoxDoor --seed 1 --seeds 0-5", "exclude each other"),
-    ("train BoxDoor --frames 0", "0 is not in the range 1<=x<=1000000000000"),
+    ("train BoxDoor --frames 0", "0 is not in the range 1 to 1000000000000"),
     ("train BoxDoor --frames 1000000000001", "not in the range"),
     ("transfer scenarios/A.yaml --frames 1000000000001", "not in the range"),
     ("runs --limit 0", "0 is not in the range x>=1"),
@@ -232,11 +237,20 @@ def test_closed_streams_are_no_fault(registry: Registry, closed: str, code: int)
 
 
 SLOW = """
-import sys, time
+import atexit, sys, time
 from paddlectl.cli import app
 def wait(**_):
     print("ready", flush=True)
-    time.sleep(60)
+    try:
+        time.sleep(60)
+    finally:
+        print("clean-up", flush=True)
+        time.sleep(0.3)
+        print("done", flush=True)
+def leave():
+    print("leaving", flush=True)
+    time.sleep(0.3)
+atexit.register(leave)
 app.make_app = lambda loaded: wait
 sys.argv = ["paddlectl", "runs"]
 sys.exit(app.main())
@@ -259,3 +273,78 @@ def test_an_interrupt_has_its_own_exit_code(number: signal.Signals, code: int) -
         child.send_signal(number)
         assert child.wait(10) == code
         assert child.stderr.read().splitlines() in ([], ["interrupted"])
+
+
+def stormed(line: str | tuple[str, ...], at: str, wait: float, **variables: str) -> tuple[int, str, str]:
+    """A process that gets four ^C within half a second, from so long after it printed a line."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")} | variables
+    child = subprocess.Popen(
+        [sys.executable, "-c", *((line,) if isinstance(line, str) else line)],
+        env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    assert child.stdout is not None
+    while child.stdout.readline() not in (f"{at}\n", ""):
+        pass
+    time.sleep(wait)
+    for _ in range(4):
+        if child.poll() is None:
+            os.killpg(child.pid, signal.SIGINT)
+        time.sleep(0.1)
+    out, err = child.communicate(timeout=60)
+    return child.returncode, out, err
+
+
+@pytest.mark.parametrize("at", ["ready", "clean-up", "leaving"])
+def test_interrupts_in_a_row_count_as_one_and_let_it_clean_up(at: str) -> None:
+    if at != "ready":
+        script = SLOW.replace("time.sleep(60)", "pass")
+        assert stormed(script, at, 0.0) == (
+            (130, "leaving\n", "interrupted\n") if at == "clean-up" else (0, "", "")
+        )
+    else:
+        assert stormed(SLOW, at, 0.1) == (130, "clean-up\ndone\nleaving\n", "interrupted\n")
+
+
+BEGIN = """
+import sys
+from paddlectl.cli.app import main
+print("begin", flush=True)
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(
+    "line, wait",
+    [
+        ("--help", 0.0),
+        ("runs", 0.05),
+        ("explain", 0.1),
+        (f"similarity --target {TARGET}", 0.2),
+        ("train BoxDoor --frames 2048", 0.7),
+        ("train BoxDoor", 2.5),
+    ],
+)
+def test_interrupts_at_any_moment_leave_no_traceback(registry: Registry, line: str, wait: float) -> None:
+    code, _, err = stormed((BEGIN, *line.split()), "begin", wait, PADDLECTL_REGISTRY=registry.location)
+    assert code in (0, 130)
+    assert err.splitlines()[-1:] in ([], ["interrupted"]) and "Traceback" not in err
+
+
+def test_an_interrupt_that_is_lost_can_be_given_again(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Deaf:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    def make(_: object) -> object:
+        def run(**_: object) -> None:
+            Deaf()
+            signal.raise_signal(signal.SIGINT)
+            raise AssertionError("it goes on")
+
+        return run
+
+    monkeypatch.setattr(app, "make_app", make)
+    answer = command("runs")
+    assert (answer.code, answer.err) == (130, "interrupted\n")

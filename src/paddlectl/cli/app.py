@@ -1,25 +1,26 @@
 """The command line: its commands, and the one place where errors become exit codes.
 
 Nothing here or at the top of a command's file imports more than Typer and the standard library,
-so that `--help` and completion stay quick.
+so that `--help` and completion stay quick; and here not even Typer, so that signals are heard before that.
 """
 
 import io
 import os
 import signal
 import sys
+import time
 from collections.abc import Collection, Sequence
-from importlib import import_module
-from pathlib import Path
 from types import FrameType
-from typing import NoReturn, TextIO, cast
-
-import typer
+from typing import TYPE_CHECKING, NoReturn, TextIO, cast
 
 from paddlectl.cli.quiet import Courtesy
 from paddlectl.errors import PaddlectlError
 
+if TYPE_CHECKING:
+    import typer
+
 INTERRUPTED = 130
+GESTURE = 1.0  # seconds in which ^C, pressed again, means the same; or it would strike what cleans up
 
 # What each command is for, as the docstring of its function says; known here so that `--help` loads none.
 COMMANDS = {
@@ -38,8 +39,12 @@ COMMANDS = {
 GROUPS = {"registry"}
 
 
-def make_app(loaded: Collection[str]) -> typer.Typer:
+def make_app(loaded: Collection[str]) -> "typer.Typer":
     """The application with these commands in full, and of the others the name and what they are for."""
+    from importlib import import_module
+
+    import typer
+
     app = typer.Typer(
         name="paddlectl",
         help="Transfer between reinforcement-learning tasks by logic and performance similarity.",
@@ -71,47 +76,92 @@ def _needed(arguments: Sequence[str]) -> Collection[str]:
 
 def main() -> int:
     """Runs one command of the command line and gives its exit code; no exception leaves but SystemExit."""
+    _Stopped.number, _Stopped.deaf_until = 0, 0.0
+    try:
+        code = _main()
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+        _hear_nothing()
+    if not _Stopped.number and code != INTERRUPTED:
+        return code
+    print("interrupted", file=sys.stderr)
+    return 128 + _Stopped.number if _Stopped.number else code
+
+
+def _main() -> int:
+    _hear_signals()
     _mend_streams()
-    signal.signal(signal.SIGTERM, _terminate)
-    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # else nohup asked to go on
-        signal.signal(signal.SIGHUP, _terminate)
     try:
         code = _run(sys.argv[1:] or ["--help"])
         sys.stdout.flush()
     except BrokenPipeError:
         code = _reader_left()
-    return 128 + _Terminated.number if _Terminated.number else code
+    _hear_nothing()
+    return code
+
+
+class _Stopped(KeyboardInterrupt):
+    """^C, SIGTERM, or a terminal that was closed; what cleans up after ^C cleans up after each."""
+
+    number = 0
+    deaf_until = 0.0
+
+
+def _hear_signals() -> None:
+    signal.signal(signal.SIGTERM, _stop)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else a job in the background
+        signal.signal(signal.SIGINT, _stop)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # else nohup asked to go on
+        signal.signal(signal.SIGHUP, _stop)
+    sys.unraisablehook = _not_raised
+
+
+def _hear_nothing() -> None:
+    """At the end: what Python still does then would be told as a traceback."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _stop(number: int, _frame: FrameType | None) -> None:
+    now = time.monotonic()
+    if now >= _Stopped.deaf_until:
+        _Stopped.number, _Stopped.deaf_until = number, now + GESTURE
+        raise _Stopped
+
+
+def _not_raised(lost: "sys.UnraisableHookArgs") -> None:
+    """A signal that struck where no exception can leave, as in `__del__`, must be given once more."""
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        _Stopped.number, _Stopped.deaf_until = 0, 0.0
+    else:
+        sys.__unraisablehook__(lost)
 
 
 def _mend_streams() -> None:
-    """Leads closed streams nowhere, forgets absurd sizes, lets text through that stdout's encoding lacks.
+    """Leads closed streams nowhere, forgets absurd sizes, spells what the streams' encodings lack.
 
     A file opened while a standard stream is closed would get its number, and what is printed.
     """
+    from pathlib import Path
+
+    from paddlectl.report.spelling import ERRORS
+
     nowhere = Path(os.devnull)
     for size in ("COLUMNS", "LINES"):
         if len(os.environ.get(size, "")) > 4:  # no terminal is so large, and Rich would try to fill it
             del os.environ[size]
     sys.stdin = sys.stdin or nowhere.open()
     sys.stdout = sys.stdout or nowhere.open("w")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=ERRORS)
     if not isinstance(sys.stderr, Courtesy):
         sys.stderr = cast("TextIO", Courtesy(sys.stderr or nowhere.open("w")))
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")
-
-
-class _Terminated(KeyboardInterrupt):
-    """SIGTERM, or a terminal that was closed; what cleans up after ^C cleans up after them as well."""
-
-    number = 0
-
-
-def _terminate(number: int, _frame: FrameType | None) -> NoReturn:
-    _Terminated.number = number
-    raise _Terminated
 
 
 def _run(arguments: Sequence[str]) -> int:
+    import typer
+
     try:
         result = make_app(_needed(arguments))(args=arguments, prog_name="paddlectl", standalone_mode=False)
     except PaddlectlError as error:
@@ -120,7 +170,7 @@ def _run(arguments: Sequence[str]) -> int:
         return _told_each(group)
     except typer.TyperException as error:
         return _told(*_usage(error), error.exit_code)
-    except (KeyboardInterrupt, typer.Abort):
+    except typer.Abort:
         return INTERRUPTED
     except BrokenPipeError:
         raise
@@ -128,13 +178,12 @@ def _run(arguments: Sequence[str]) -> int:
         return _told(_system(error), "", _emptied())
     except Exception as error:
         return _unexpected(error)
-    code = result if isinstance(result, int) else 0
-    if code == INTERRUPTED:
-        print("interrupted", file=sys.stderr)
-    return code
+    return result if isinstance(result, int) else 0
 
 
 def _told(message: str, hint: str, code: int) -> int:
+    if _Stopped.number:  # which broke off what now fails
+        return code
     from paddlectl.cli.texts import one_line, without_secrets
 
     print(f"error: {one_line(without_secrets(message))}", file=sys.stderr)
@@ -150,7 +199,7 @@ def _told_each(group: ExceptionGroup[Exception]) -> int:
     return 1
 
 
-def _usage(error: typer.TyperException) -> tuple[str, str]:
+def _usage(error: "typer.TyperException") -> tuple[str, str]:
     """Typer's own complaint, with the nearest name if it knows some."""
     possible = getattr(error, "possibilities", None)
     message = error.message if possible else error.format_message()

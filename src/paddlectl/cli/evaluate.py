@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from paddlectl.cli.options import AsJson, PolicyName, RegistryPlace, complete_tasks
+from paddlectl.cli.options import AsJson, PolicyName, RegistryPlace, complete_tasks, whole_number
 from paddlectl.registry.fields import SEEDS
 
 EXAMPLE = "Example: paddlectl evaluate BoxDoor --episodes 200 --json"
@@ -21,9 +21,11 @@ def evaluate(
             show_default=False,
         ),
     ] = None,
-    episodes: Annotated[int, typer.Option(min=1, max=1_000_000, metavar="N", help="Layouts to play.")] = 200,
+    episodes: Annotated[
+        int, typer.Option(parser=whole_number(1, 1_000_000), metavar="N", help="Layouts to play.")
+    ] = 200,
     seed: Annotated[
-        int, typer.Option(min=0, max=SEEDS - 1, metavar="N", help="Decides the layouts.")
+        int, typer.Option(parser=whole_number(0, SEEDS - 1), metavar="N", help="Decides the layouts.")
     ] = 12345,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,

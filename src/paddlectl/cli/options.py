@@ -1,11 +1,15 @@
 """Options and arguments that several commands share, and what the shell completes for them."""
 
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from paddlectl.errors import UsageError
-from paddlectl.registry.fields import MOST_SEEDS, SEEDS
+from paddlectl.registry.fields import MOST_FRAMES, SEEDS
 
 REGISTRY = "PADDLECTL_REGISTRY"
 LISTED = 50
@@ -47,10 +51,67 @@ def complete_scenarios(incomplete: str) -> list[str]:
     return [name for name in scenario_files(incomplete) if name.startswith(incomplete)]
 
 
+def whole_number(low: int, high: int) -> Callable[[object], int]:
+    """A parser of whole numbers within [low, high]: `400000`, `4e5` or `400000.0`."""
+
+    def number(text: object) -> int:
+        from paddlectl.whole import advice, whole
+
+        found = whole(str(text))
+        if found is None:
+            raise typer.BadParameter(f"{str(text)[:80]!r} is no whole number; {advice(str(text))}")
+        if not low <= found <= high:
+            raise typer.BadParameter(f"{found} is not in the range {low} to {high}")
+        return found
+
+    return number
+
+
+def at_home(text: str) -> str:
+    """The path with the home folder for `~` or `~user` at its start, which shells leave alone in `--x=~/y`.
+
+    Raises:
+        UsageError: If there is no such user.
+    """
+    path = os.path.expanduser(text)  # noqa: PTH111 - a Path would change `./~x` to `~x`
+    if path.startswith("~"):
+        user = path.partition("/")[0]
+        raise UsageError(f"there is no home folder {user}", f"for a name that begins so, write ./{path}")
+    return path
+
+
+def place(text: str) -> str:
+    """A registry's place with home folders as in `at_home`: `~/x`, `sqlite:///~/x`, `postgresql://…?files=~/x`."""
+    if "://" not in text:
+        return at_home(text)
+    if text.startswith("sqlite:///"):
+        return at_home(text.removeprefix("sqlite:///"))
+    return re.sub(r"(?<=[?&]files=)(?:~|%7[eE])[^&]*", _files_at_home, text)
+
+
+def _files_at_home(found: re.Match[str]) -> str:
+    from urllib.parse import quote, unquote_plus
+
+    return quote(at_home(unquote_plus(found[0])))
+
+
+def file_at(text: str) -> Path:
+    """A path, with home folders as in `at_home`."""
+    return Path(at_home(text))
+
+
+FRAMES = whole_number(1, MOST_FRAMES)
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 RegistryPlace = Annotated[
     str,
-    typer.Option("--registry", envvar=REGISTRY, metavar="FOLDER", help="Where policies and runs are kept."),
+    typer.Option(
+        "--registry",
+        envvar=REGISTRY,
+        parser=place,
+        metavar="FOLDER",
+        help="Where policies and runs are kept.",
+    ),
 ]
 EveryRow = Annotated[bool, typer.Option("--all", help="All of them.")]
 MostRows = Annotated[
@@ -82,7 +143,12 @@ PolicyName = Annotated[
         show_default=False,
     ),
 ]
-OneSeed = Annotated[int | None, typer.Option("--seed", metavar="N", help="One seed.", show_default=False)]
+OneSeed = Annotated[
+    int | None,
+    typer.Option(
+        "--seed", parser=whole_number(0, SEEDS - 1), metavar="N", help="One seed.", show_default=False
+    ),
+]
 ManySeeds = Annotated[
     str | None,
     typer.Option(
@@ -108,35 +174,12 @@ def chosen_seeds(seed: int | None, seeds: str | None, default: tuple[int, ...]) 
     Raises:
         UsageError: If both are given, or one makes no sense.
     """
+    from paddlectl.whole import seeds as parsed
+
     if seed is not None and seeds is not None:
         raise UsageError("--seed and --seeds exclude each other")
     if seeds is not None:
-        return parse_seeds(seeds)
+        return parsed(seeds)
     if seed is None:
         return default
-    return parse_seeds(str(seed))
-
-
-def parse_seeds(text: str) -> tuple[int, ...]:
-    """`0-5` or `0,3,7` or both mixed, in the order written.
-
-    Raises:
-        UsageError: If it isn't that, a seed stands twice, or there are more than MOST_SEEDS.
-    """
-    seeds = [seed for part in text.split(",") for seed in _seed_range(part.strip(), text)]
-    if len(set(seeds)) != len(seeds):
-        raise UsageError(f"a seed stands twice in {text!r}")
-    if len(seeds) > MOST_SEEDS:
-        raise UsageError(f"more than {MOST_SEEDS} seeds in {text!r}")
-    return tuple(seeds)
-
-
-def _seed_range(part: str, text: str) -> range:
-    first, dash, last = part.partition("-")
-    numbers = (first, last) if dash else (first, first)
-    if not all(number.isascii() and number.isdigit() and len(number) <= 10 for number in numbers):
-        raise UsageError(f"not seeds: {text!r}", "write them as 0-5 or 0,3,7")
-    low, high = int(numbers[0]), int(numbers[1])
-    if low > high or high >= SEEDS:
-        raise UsageError(f"not seeds: {text!r}", "the lower one first, all below 2^32")
-    return range(low, high + 1)[: MOST_SEEDS + 1]
+    return (seed,)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from paddlectl.cli.options import AsJson, RegistryPlace, complete_held
+from paddlectl.cli.options import AsJson, RegistryPlace, complete_held, file_at
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,7 +113,8 @@ def export(
         ),
     ],
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A new file; .zip is usual.", show_default=False)
+        Path,
+        typer.Argument(parser=file_at, metavar="FILE", help="A new file; .zip is usual.", show_default=False),
     ],
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
@@ -133,7 +134,10 @@ def export(
 
 @app.command("import", epilog="Example: paddlectl registry import boxdoor.zip")
 def import_(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What export wrote.", show_default=False)],
+    file: Annotated[
+        Path,
+        typer.Argument(parser=file_at, metavar="FILE", help="What export wrote.", show_default=False),
+    ],
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

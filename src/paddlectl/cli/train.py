@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from paddlectl.cli.options import (
+    FRAMES,
     AsJson,
     CheckpointEvery,
     Jobs,
@@ -15,7 +16,6 @@ from paddlectl.cli.options import (
     complete_tasks,
 )
 from paddlectl.errors import NotFoundError
-from paddlectl.registry.fields import MOST_FRAMES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,7 +41,7 @@ def train(
     frames: Annotated[
         int | None,
         typer.Option(
-            min=1, max=MOST_FRAMES, metavar="N", help="At most so many environment steps.", show_default=False
+            parser=FRAMES, metavar="N", help="At most so many environment steps.", show_default=False
         ),
     ] = None,
     preset: Annotated[

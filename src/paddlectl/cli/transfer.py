@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from paddlectl.cli.options import (
+    FRAMES,
     AsJson,
     CheckpointEvery,
     Jobs,
@@ -14,9 +15,9 @@ from paddlectl.cli.options import (
     RegistryPlace,
     chosen_seeds,
     complete_scenarios,
+    file_at,
 )
 from paddlectl.errors import NotFoundError, UsageError
-from paddlectl.registry.fields import MOST_FRAMES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +33,7 @@ def transfer(
     file: Annotated[
         Path,
         typer.Argument(
+            parser=file_at,
             metavar="FILE.yaml",
             autocompletion=complete_scenarios,
             help="A scenario: target, sources, method, seeds, frames.",
@@ -47,8 +49,7 @@ def transfer(
     frames: Annotated[
         int | None,
         typer.Option(
-            min=1,
-            max=MOST_FRAMES,
+            parser=FRAMES,
             metavar="N",
             help="Environment steps, instead of the scenario's.",
             show_default=False,

@@ -28,7 +28,7 @@ class Pace:
         every: Seconds between two checkpoints; 0 for one after each round.
         stop: Asked whether to end.
         resumed: The run to go on with; None for a new one.
-        tell: Told of checkpoints that had to be left out.
+        tell: Told of checkpoints that had to be left out, and of budgets that are too small.
         begun: Told of the run once it is in the registry.
     """
 
@@ -60,6 +60,11 @@ class Pace:
                 run = registry.resume_run(self.resumed)
         self.begun(run.id)
         return run
+
+    def tell_of_rounds(self, frames: int, round_: int) -> None:
+        """Says that a budget is less than the one round that is always run."""
+        if self.resumed is None and frames < round_:
+            self.tell(f"{round_:,} frames are run instead of {frames:,}: a round has so many")
 
     @contextmanager
     def rounds(self, registry: Registry, log: RunLog, roots: dict[str, Any]) -> Iterator[Callable[[], None]]:

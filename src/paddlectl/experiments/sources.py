@@ -66,12 +66,13 @@ def train_source(
         policy = HybridPolicy(task, job.seed, settings)
         learning = training.train(policy, job.seed, frames)
         recent = _Recent(len(policy.clauses.bodies))
+        pace.tell_of_rounds(frames, learning.round)
         with pace.rounds(registry, log, {"learning": learning, "recent": recent}) as after_round:
             for round_ in learning:
                 recent.add(log.add(round_))
                 crisp = training.crispness(policy, recent.shares())
                 log.write(round_, crispness=crisp)
-                report(log.progress(frames, f"crisp {crisp:.2f}"))
+                report(log.progress(max(frames, learning.round), f"crisp {crisp:.2f}"))
                 after_round()
         kept = keep(registry, run, policy, log)
         log.results = _figures(kept)

@@ -57,13 +57,14 @@ def run_transfer(
             learning = training.train(target, job.seed, job.frames)
         else:
             learning, account = _guided(job, registry, run, target)
+        pace.tell_of_rounds(job.frames, learning.round)
         with pace.rounds(registry, log, {"learning": learning, "account": account}) as after_round:
             for round_ in learning:
                 log.add(round_)
                 if account is not None:
                     account.take(round_, log.curve.known)
                 log.write(round_)
-                report(log.progress(job.frames))
+                report(log.progress(max(job.frames, learning.round)))
                 after_round()
         if account is not None:
             account.close()

@@ -84,6 +84,12 @@ class Learning:
         self.frames = frames
         self.left = rounds
 
+    @property
+    def round(self) -> int:
+        """Frames of a round, at most."""
+        environment = self.rollout.environment
+        return len(self.buffer.actions) * environment.lanes * environment.repeat
+
     def __iter__(self) -> "Learning":
         return self
 

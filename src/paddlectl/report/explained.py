@@ -5,15 +5,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rich import box
 from rich.console import RenderableType
-from rich.padding import Padding
-from rich.rule import Rule
-from rich.table import Table
-from rich.text import Text
 
 from paddlectl.registry.records import RunRecord
 from paddlectl.report.explanation import PHASES, TARGET
+from paddlectl.report.grid import Grid, Head, Heading, Prose, Row
 from paddlectl.report.mapping import Labels, labels_of, legend, mapping_table, scene_text
 from paddlectl.report.output import clean
 from paddlectl.report.programs import minimised_grid
@@ -81,7 +77,7 @@ def _legend(document: Document) -> list[RenderableType]:
 
 
 def _program(program: Document | None, run: RunRecord) -> list[RenderableType]:
-    heading = _heading("Learned program")
+    heading = Heading("Learned program")
     if program is None:
         return [heading, f"No policy was stored: the run is {clean(run.status)}."]
     return [
@@ -91,18 +87,17 @@ def _program(program: Document | None, run: RunRecord) -> list[RenderableType]:
     ]
 
 
-def _program_table(clauses: Iterable[Document]) -> Table:
+def _program_table(clauses: Iterable[Document]) -> Grid:
     """The raw program, a row for each scene: its subgoals with their probabilities, the likeliest first."""
     heads: dict[tuple[str, ...], list[tuple[float, str]]] = {}
     for clause in clauses:
         heads.setdefault(tuple(clause["body"]), []).append((clause["probability"], clause["head"]))
-    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    drawn.add_column("in the scene", overflow="fold")
-    drawn.add_column("its subgoals, with their probabilities", overflow="fold")
+    heads_of_scenes = ("in the scene", "its subgoals, with their probabilities")
+    rows = []
     for body, found in heads.items():
         told = ", ".join(f"{p:.2f} {head}" for p, head in sorted(found, reverse=True))
-        drawn.add_row(scene_text(body), clean(told))
-    return drawn
+        rows.append(Row((scene_text(body), clean(told))))
+    return Grid([Head(title, breaks=True) for title in heads_of_scenes], rows)
 
 
 def _shortest(program: Document) -> list[RenderableType]:
@@ -117,7 +112,7 @@ def _psi(mapping: Document | None, scenes: "Sequence[SceneMet]", labels: Labels)
         return []
     known = {tuple(scene["body"]): scene for scene in mapping["scenes"]}
     met = [known[scene.body] for scene in scenes if scene.body in known]
-    heading = _heading(
+    heading = Heading(
         f"Ψ in the {len(met)} scenes met, of {len(mapping['scenes'])}; * marks the most similar"
     )
     return [heading, mapping_table(met, labels)]
@@ -247,24 +242,21 @@ def _best_heads(clauses: Iterable[Document]) -> dict[tuple[str, ...], str]:
 
 def _guidance(document: Document, scenes: Sequence[SceneMet], labels: Labels) -> list[RenderableType]:
     if not scenes:
-        return [_heading("Guidance"), "No decision was recorded."]
+        return [Heading("Guidance"), "No decision was recorded."]
     subgoals = Subgoals(document)
     everything = sum(scene.total for scene in scenes)
     shown = [scene for scene in scenes if scene.total >= RARE * everything]
     parts: list[RenderableType] = [
-        _heading("Who led in which scene, and why; * marks who was chosen most"),
+        Heading("Who led in which scene, and why; * marks who was chosen most"),
         "ψ, Φ and Λ are those of the end of each phase; decisions before were made by earlier ones.",
     ]
     if any("rules" not in row for row in document["weights"]):
         parts.append("This run is of an older version, which did not record why a guide was chosen.")
     for scene in shown:
         parts += [
-            Text(scene_text(scene.body), "bold"),
-            *(
-                Padding(sentence, (0, 0, 0, 2), expand=False)
-                for sentence in sentences(scene, labels, subgoals)
-            ),
-            Padding(_standings_table(scene, labels), (0, 0, 0, 2), expand=False),
+            Prose(scene_text(scene.body), style="bold"),
+            *(Prose(sentence, 2) for sentence in sentences(scene, labels, subgoals)),
+            _standings_table(scene, labels),
         ]
     rest = scenes[len(shown) :]
     if rest:
@@ -326,25 +318,22 @@ def _name(policy: str, labels: Labels) -> str:
     return "the target itself" if policy == TARGET else labels(policy)
 
 
-def _standings_table(scene: SceneMet, labels: Labels) -> Table:
-    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    drawn.add_column("phase")
-    drawn.add_column("policy")
-    for title in ("ψ", "Φ", "Λ", "chosen", "reached"):
-        drawn.add_column(title, justify="right")
+def _standings_table(scene: SceneMet, labels: Labels) -> Grid:
+    rows = []
     for phase in PHASES:
         for place, one in enumerate(scene.standings.get(phase, ())):
-            name = labels(one.policy) + (" *" if place == 0 else "")
-            share = percent(one.chosen / scene.decisions[phase])
             cells = (
+                phase if place == 0 else "",
+                labels(one.policy) + (" *" if place == 0 else ""),
                 figure(one.similarity),
                 figure(one.performance),
                 figure(one.weight),
-                share,
+                percent(one.chosen / scene.decisions[phase]),
                 percent(one.reached_share),
             )
-            drawn.add_row(phase if place == 0 else "", name, *cells, style="bold" if place == 0 else "")
-    return drawn
+            rows.append(Row(cells, "bold" if place == 0 else ""))
+    numbers = [Head(title, right=True, spare=True) for title in ("ψ", "Φ", "Λ", "chosen", "reached")]
+    return Grid((Head("phase"), Head("policy"), *numbers), rows, indent=2)
 
 
 # Episodes
@@ -356,7 +345,7 @@ def _episodes(document: Document, labels: Labels) -> list[RenderableType]:
         decisions = [decision for decision in document["trace"] if decision["phase"] == phase]
         if decisions:
             score = figure(document["trace_scores"][phase])
-            parts.append(_heading(f"One {phase} episode, decision by decision; score {score}"))
+            parts.append(Heading(f"One {phase} episode, decision by decision; score {score}"))
             parts += [part for decision in decisions for part in _decision(decision, labels)]
     return parts
 
@@ -369,10 +358,10 @@ def _decision(decision: Document, labels: Labels) -> list[RenderableType]:
     who = f"{_name(decision['guide'], labels)} → {clean(decision['head'])}, {took}"
     return [
         line,
-        Padding(Text(who, "bold"), (0, 0, 0, 6), expand=False),
-        *(Padding(f"Why: {why}.", (0, 0, 0, 6), expand=False) for why in _why(decision)),
-        Padding(_candidates(decision, labels), (0, 0, 0, 6), expand=False),
-        Padding(Text(clean(decision["clause"]), "dim"), (0, 0, 0, 6), expand=False),
+        Prose(who, 6, "bold"),
+        *(Prose(f"Why: {why}.", 6) for why in _why(decision)),
+        _candidates(decision, labels),
+        Prose(clean(decision["clause"]), 6, "dim"),
     ]
 
 
@@ -382,17 +371,12 @@ def _why(decision: Document) -> Iterator[str]:
         yield WHY.get(decision["rule"]) or _unknown(decision["rule"])
 
 
-def _candidates(decision: Document, labels: Labels) -> Table:
-    drawn = Table.grid(padding=(0, 1))
+def _candidates(decision: Document, labels: Labels) -> Grid:
+    rows = []
     for one in decision["weights"]:
-        star = "*" if one["policy"] == decision["guide"] else ""
         values = [
             f"{name} {figure(one[field])}"
             for name, field in (("ψ", "similarity"), ("Φ", "performance"), ("Λ", "weight"))
         ]
-        drawn.add_row(labels(one["policy"]), *values, star)
-    return drawn
-
-
-def _heading(text: str) -> RenderableType:
-    return Padding(Rule(clean(text), align="left", style="dim"), (1, 0, 0, 0))
+        rows.append(Row((labels(one["policy"]), *values, "*" if one["policy"] == decision["guide"] else "")))
+    return Grid([Head()] * 5, rows, indent=6)

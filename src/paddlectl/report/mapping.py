@@ -3,11 +3,9 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from rich import box
 from rich.console import RenderableType
-from rich.table import Table
-from rich.text import Text
 
+from paddlectl.report.grid import Grid, Head, Row
 from paddlectl.report.output import clean
 
 SHOWN_SCENES = 2  # of one source that tie for one target scene
@@ -69,23 +67,27 @@ def _bodies(scenes: Iterable[Mapping[str, Any]]) -> Iterable[Sequence[str]]:
             yield from match["scenes"]
 
 
-def mapping_table(scenes: Iterable[Mapping[str, Any]], labels: Labels) -> Table:
+def mapping_table(scenes: Iterable[Mapping[str, Any]], labels: Labels) -> Grid:
     """One row for each target scene and source; the best source of a scene in bold with a star."""
-    drawn = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for title in ("target scene", "source", "ψ", "its most similar scenes"):
-        drawn.add_column(title, justify="right" if title == "ψ" else "left", overflow="fold")
+    rows: list[Row | None] = []
     for scene in scenes:
         shown = scene_text(scene["body"])
         for match in scene["matches"]:
             best = match["similarity"] == scene["self_similarity"]
-            style = "bold" if best else ""
             name = labels(match["policy"]) + (" *" if best else "")
-            drawn.add_row(
-                shown, Text(name, style), Text(f"{match['similarity']:.3f}", style), _scenes(match["scenes"])
-            )
+            cells = (shown, name, f"{match['similarity']:.3f}", _scenes(match["scenes"]))
+            rows.append(Row(cells, "bold" if best else ""))
             shown = ""
-        drawn.add_section()
-    return drawn
+        rows.append(None)
+    return Grid(_HEADS, rows)
+
+
+_HEADS = (
+    Head("target scene", breaks=True),
+    Head("source"),
+    Head("ψ", right=True),
+    Head("its most similar scenes", breaks=True),
+)
 
 
 def _scenes(bodies: Sequence[Sequence[str]]) -> str:

@@ -10,6 +10,8 @@ from typing import Any
 
 from rich.console import Console, RenderableType
 
+from paddlectl.report.grid import Prose
+
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 _WIDTH = 100  # of a pipe or file; a terminal has its own
 
@@ -34,7 +36,7 @@ def print_text(parts: Sequence[RenderableType]) -> None:
     """Renderables one below the other on stdout."""
     out = console()
     for part in parts:
-        out.print(part)
+        out.print(Prose(part) if isinstance(part, str) else part, crop=False)
     sys.stdout.flush()
 
 

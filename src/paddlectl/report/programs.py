@@ -4,8 +4,6 @@ from collections.abc import Iterable
 from typing import Any
 
 from rich.console import RenderableType
-from rich.padding import Padding
-from rich.table import Table
 
 from paddlectl.errors import IntegrityError, InvalidFileError
 from paddlectl.logic.clauses import Body, Program
@@ -13,6 +11,7 @@ from paddlectl.logic.minimise import MOST_ATOMS, minimise
 from paddlectl.logic.syntax import parse_program
 from paddlectl.logic.templates import scenes
 from paddlectl.registry.records import PolicyRecord
+from paddlectl.report.grid import Grid, Head, Row
 from paddlectl.report.output import clean
 
 MAIN = 0.5
@@ -90,9 +89,8 @@ def minimised_grid(clauses: Iterable[str]) -> RenderableType:
 
 def _grid(clauses: Iterable[tuple[str, str, str]]) -> RenderableType:
     """Probability, head and body below each other, so that a body that is too long hangs."""
-    drawn = Table.grid(padding=(0, 1))
-    for _ in range(3):
-        drawn.add_column(overflow="fold")
-    for probability, head, body in clauses:
-        drawn.add_row(clean(probability), clean(f"{head} :-" if body else head), clean(body))
-    return Padding(drawn, (0, 0, 0, 2), expand=False) if drawn.row_count else "  (no clause)"
+    rows = [
+        Row([clean(probability), clean(f"{head} :-" if body else head), clean(body)])
+        for probability, head, body in clauses
+    ]
+    return Grid((Head(), Head(), Head(breaks=True)), rows, indent=2) if rows else "  (no clause)"

@@ -1,27 +1,27 @@
-"""Lists of things as Rich tables."""
+"""Lists of things as tables."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rich import box
-from rich.cells import cell_len
 from rich.console import RenderableType
-from rich.table import Table
 
-from paddlectl.report.output import clean, width
-
-NARROWEST = 8  # columns of a text that has to break
-BLOCK = 100  # lines that Rich gets as one row, where none breaks: it takes 0.1 ms for each cell
-
-Row = Mapping[str, Any]
+from paddlectl.report.grid import Grid, Head, Row
+from paddlectl.report.output import clean
 
 
 def words(value: Any) -> str:
+    """Text that may break."""
     return "–" if value is None else str(value)
 
 
 def label(value: Any) -> str:
+    """An id or a name, which never breaks."""
+    return words(value)
+
+
+def seed(value: Any) -> str:
+    """A number as it is typed."""
     return words(value)
 
 
@@ -42,7 +42,7 @@ def tenths(value: Any) -> str:
 
 
 def size(items: Any) -> str:
-    return str(len(items))
+    return "–" if items is None else str(len(items))
 
 
 def yes(value: Any) -> str:
@@ -53,49 +53,27 @@ def yes(value: Any) -> str:
 class Column:
     """A heading, the field below it, and how that is written.
 
-    Words and labels are aligned left, numbers right. In 80 columns only words break: half an id or number is
-    of no use. In fewer all may, for else Rich leaves columns out.
+    Words and labels are aligned left, numbers right, and only numbers are left out where there is no room.
     """
 
     title: str
     field: str
-    written: Callable[[Any], str] = words
+    written: Callable[[Any], str] = label
 
-    def cell(self, row: Row) -> str:
-        return clean(self.written(row.get(self.field)))
+    @property
+    def head(self) -> Head:
+        number = self.written not in (words, label, yes)
+        return Head(self.title, right=number, breaks=self.written is words, spare=number)
 
 
-def table(columns: Iterable[Column], rows: Iterable[Row], title: str = "") -> Table:
+def table(columns: Iterable[Column], rows: Iterable[Mapping[str, Any]], title: str = "") -> Grid:
     """A table of rows by their fields; a field that a row lacks is shown as a dash."""
     columns = tuple(columns)
-    wide = width() >= 80
-    drawn = Table(
-        title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True
-    )
-    for column in columns:
-        drawn.add_column(
-            column.title,
-            justify="left" if column.written in (words, label, yes) else "right",
-            overflow="fold",
-            no_wrap=wide and column.written is not words,
-            min_width=NARROWEST if wide and column.written is words else None,
-        )
-    lines = [[column.cell(row) for column in columns] for row in rows]
-    block = BLOCK if _fit(columns, lines) else 1
-    for start in range(0, len(lines), block):
-        drawn.add_row(*("\n".join(cells) for cells in zip(*lines[start : start + block], strict=True)))
-    return drawn
+    cells = [Row([clean(column.written(row.get(column.field))) for column in columns]) for row in rows]
+    return Grid([column.head for column in columns], cells, title, gap=2)
 
 
-def _fit(columns: Sequence[Column], lines: Sequence[Sequence[str]]) -> bool:
-    """Whether surely no cell has to break."""
-    titles = [column.title for column in columns]
-    widest = [max(map(cell_len, cells)) for cells in zip(titles, *lines, strict=True)]
-    broken = any("\n" in cell for line in lines for cell in line)
-    return not broken and sum(max(wide, NARROWEST) + 2 for wide in widest) <= width()
-
-
-def listed(columns: Iterable[Column], rows: Sequence[Row], total: int) -> list[RenderableType]:
+def listed(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]], total: int) -> list[RenderableType]:
     """A table of the newest of so many rows, and how to see the others."""
     more = total - len(rows)
     return [table(columns, rows), *([f"{more:,} more; --all lists them"] if more > 0 else [])]
@@ -103,77 +81,77 @@ def listed(columns: Iterable[Column], rows: Sequence[Row], total: int) -> list[R
 
 TASKS = (
     Column("task", "name"),
-    Column("domain", "domain", label),
+    Column("domain", "domain"),
     Column("horizon", "horizon", count),
     Column("heads", "heads", size),
     Column("facts", "vocabulary", size),
-    Column("what it is", "summary"),
+    Column("what it is", "summary", words),
 )
 POLICIES = (
-    Column("policy", "policy", label),
+    Column("policy", "policy"),
     Column("task", "task"),
-    Column("method", "method", label),
-    Column("seed", "seed", count),
+    Column("method", "method"),
+    Column("seed", "seed", seed),
     Column("frames", "frames", count),
     Column("success", "success_rate", percent),
     Column("score", "mean_score", figure),
     Column("length", "mean_length", tenths),
     Column("crisp", "crispness", figure),
-    Column("run", "run", label),
+    Column("run", "run"),
 )
 RUNS = (
-    Column("run", "run", label),
-    Column("method", "method", label),
+    Column("run", "run"),
+    Column("method", "method"),
     Column("task", "task"),
     Column("scenario", "scenario"),
-    Column("seed", "seed", count),
-    Column("status", "status", label),
+    Column("seed", "seed", seed),
+    Column("status", "status"),
     Column("frames", "frames", count),
     Column("success", "success_rate", percent),
-    Column("policy", "policy", label),
+    Column("policy", "policy"),
 )
 TRAINED = (
-    Column("policy", "policy", label),
+    Column("policy", "policy"),
     Column("task", "task"),
-    Column("seed", "seed", count),
+    Column("seed", "seed", seed),
     Column("frames", "frames", count),
     Column("seconds", "seconds", tenths),
     Column("success", "success_rate", percent),
     Column("score", "mean_score", figure),
     Column("crisp", "crispness", figure),
-    Column("run", "run", label),
+    Column("run", "run"),
 )
 TRANSFERRED = (
-    Column("run", "run", label),
-    Column("method", "method", label),
-    Column("seed", "seed", count),
+    Column("run", "run"),
+    Column("method", "method"),
+    Column("seed", "seed", seed),
     Column("frames", "frames", count),
     Column("seconds", "seconds", tenths),
     Column("jump-start", "jump_start", figure),
     Column("final", "final_score", figure),
     Column("success", "success_rate", percent),
     Column("area", "area_under_curve", figure),
-    Column("policy", "policy", label),
+    Column("policy", "policy"),
 )
 EVALUATED = (
-    Column("policy", "policy", label),
+    Column("policy", "policy"),
     Column("task", "task"),
     Column("episodes", "episodes", count),
-    Column("seed", "seed", count),
+    Column("seed", "seed", seed),
     Column("success", "success_rate", percent),
     Column("score", "mean_score", figure),
     Column("length", "mean_length", tenths),
 )
 FINDINGS = (
     Column("fault", "fault", yes),
-    Column("kind", "kind", label),
+    Column("kind", "kind"),
     Column("where", "where"),
-    Column("what", "what"),
+    Column("what", "what", words),
 )
 RESUMED = (
-    Column("run", "run", label),
-    Column("policy", "policy", label),
-    Column("seed", "seed", count),
+    Column("run", "run"),
+    Column("policy", "policy"),
+    Column("seed", "seed", seed),
     Column("frames", "frames", count),
     Column("seconds", "seconds", tenths),
     Column("success", "success_rate", percent),
