@@ -69,6 +69,9 @@ def _objects(report: Report, folder: Path, named: dict[str, Seal]) -> None:
 
 def _run_folder(report: Report, folder: Path, path: Path) -> None:
     name = path.name
+    if name.endswith(".part"):
+        report.add("leftover", inside(folder, path), "a writer was stopped", fault=False)
+        return
     if number_of(name, "run") is None or not path.is_dir() or path.is_symlink():
         report.add("stray file", inside(folder, path), "it is no folder of a run")
         return
