@@ -5,6 +5,7 @@ from decimal import Decimal
 
 from paddlectl.errors import UsageError
 from paddlectl.registry.fields import MOST_SEEDS, SEEDS
+from paddlectl.registry.names import shortened
 
 MOST_DIGITS = 18
 
@@ -48,9 +49,9 @@ def seeds(text: str) -> tuple[int, ...]:
     """
     found = [seed for part in text.split(",") for seed in _range(part.strip(), text)]
     if len(set(found)) != len(found):
-        raise UsageError(f"a seed stands twice in {text!r}", "write it once")
+        raise UsageError(f"a seed stands twice in {shortened(text)!r}", "write it once")
     if len(found) > MOST_SEEDS:
-        raise UsageError(f"more than {MOST_SEEDS} seeds in {text!r}", "write fewer")
+        raise UsageError(f"more than {MOST_SEEDS} seeds in {shortened(text)!r}", "write fewer")
     return tuple(found)
 
 
@@ -58,9 +59,9 @@ def _range(part: str, text: str) -> range:
     first, dash, last = part.partition("-")
     low, high = whole(first), whole(last if dash else first)
     if low is None or high is None:
-        raise UsageError(f"not seeds: {text[:80]!r}", _advice_on_seeds(text))
+        raise UsageError(f"not seeds: {shortened(text)!r}", _advice_on_seeds(text))
     if low > high or low < 0 or high >= SEEDS:
-        raise UsageError(f"not seeds: {text[:80]!r}", "the lower one first, all below 2^32")
+        raise UsageError(f"not seeds: {shortened(text)!r}", "the lower one first, all below 2^32")
     return range(low, high + 1)[: MOST_SEEDS + 1]
 
 

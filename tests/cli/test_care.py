@@ -158,7 +158,7 @@ def test_what_resume_refuses(registry: Registry, command: Command) -> None:
     ):
         answer = command(*line.split())
         assert (answer.code, answer.out) == (code, "") and told in answer.err, answer
-    assert command("resume", "--all", "--json").json == {"runs": []}
+    assert command("resume", "--all", "--json").json == {"runs": [], "failed": []}
 
 
 def started(registry: Path, *line: str) -> subprocess.Popen[str]:

@@ -216,6 +216,23 @@ def test_a_mistyped_folder_of_a_database(
     assert (Registry.open(address).runs(), Registry.open(address).policies()) == rows
 
 
+def test_an_older_database_gets_an_identity_unless_its_folder_is_anothers(
+    address: str, another: Path, postgres: Server, tmp_path: Path
+) -> None:
+    rows, name = Registry.open(address).runs(), database_in(address)
+    (tmp_path / "files/identity").unlink()
+    postgres.run("DROP TABLE identity", name)
+    postgres.run("UPDATE alembic_version SET version_num = '0002'", name)
+    shutil.copytree(another, tmp_path / "older")
+    (tmp_path / "older/identity").unlink()
+    for wrong in ("nowhere", "another", "older"):
+        with pytest.raises(IntegrityError, match="doesn't belong to the database"):
+            Registry.open(address.replace("/files", f"/{wrong}"))
+    assert not (tmp_path / "nowhere").exists() and not (tmp_path / "older/identity").exists()
+    assert Registry.open(address).runs() == rows
+    assert (tmp_path / "files/identity").read_text().endswith(f" the database {name}\n")
+
+
 def test_the_folder_of_a_database_without_its_address(address: str, tmp_path: Path, command: Command) -> None:
     everything_is_refused(tmp_path / "files", tmp_path, command, "its index is the database")
 

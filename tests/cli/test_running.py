@@ -1,6 +1,7 @@
 """What `train`, `transfer` and `resume` tell of many runs, and of what fails, is lost or can't be written."""
 
 import io
+import json
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy import update
 
 from paddlectl.cli import running
 from paddlectl.cli.quiet import Courtesy
@@ -17,6 +19,7 @@ from paddlectl.errors import NotFoundError, PaddlectlError
 from paddlectl.experiments.jobs import Begun, Event, Failure, Job, Note, Progress, ResumeJob
 from paddlectl.registry.names import ELSEWHERE
 from paddlectl.registry.records import RunRecord
+from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
 from paddlectl.report import progress
 from samples import ROOT, Command
@@ -32,7 +35,7 @@ def add_run(
     registry: Registry, status: str, sources: tuple[str, ...] = (), seconds: float = 1.0
 ) -> RunRecord:
     run = registry.add_run(
-        kind="train", method="hdm", task="BoxDoor", scenario=None, sources=sources, seed=0,
+        kind="train", method="hdm", task="BoxDoor", scenario=None, sources=(), seed=0,
         settings={"frames": 20_000}, versions={},
     )  # fmt: skip
     return registry.finish_run(run.id, status=status, frames=10_000, episodes=1, seconds=seconds, results={})
@@ -109,7 +112,9 @@ def test_an_interruption_names_every_run_to_go_on_with_and_what_was_not_begun(
 def test_resume_all_goes_past_what_can_not_go_on(
     registry: Registry, command: Command, jobs_done: Callable[..., list[Job]]
 ) -> None:
-    imported = add_run(registry, "interrupted", (f"{ELSEWHERE}policy-1",))
+    imported = add_run(registry, "interrupted")
+    with registry.mending() as connection:
+        connection.execute(update(runs).values(sources=json.dumps([f"{ELSEWHERE}policy-1"])))
     stopped = add_run(registry, "interrupted")
     asked = jobs_done({**ROW, "run": stopped.id})
     answer = command("resume", "--all", "--json")

@@ -55,11 +55,12 @@ def whole_number(low: int, high: int) -> Callable[[object], int]:
     """A parser of whole numbers within [low, high]: `400000`, `4e5` or `400000.0`."""
 
     def number(text: object) -> int:
+        from paddlectl.registry.names import shortened
         from paddlectl.whole import advice, whole
 
         found = whole(str(text))
         if found is None:
-            raise typer.BadParameter(f"{str(text)[:80]!r} is no whole number; {advice(str(text))}")
+            raise typer.BadParameter(f"{shortened(str(text))!r} is no whole number; {advice(str(text))}")
         if not low <= found <= high:
             raise typer.BadParameter(f"{found} is not in the range {low} to {high}")
         return found

@@ -97,6 +97,9 @@ def _sealed_file(report: Report, folder: Path, name: str, seal: Seal) -> Iterato
 
 def _run_folder(report: Report, folder: Path, path: Path, row: Mapping[str, Any] | None) -> Iterator[Finding]:
     name, manifest = path.name, report.manifests.get(path.name)
+    if name.endswith(".part"):
+        yield Finding("leftover", inside(folder, path), "a writer was stopped", fault=False)
+        return
     if not path.exists() and not path.is_symlink():
         return
     if not path.is_dir() or path.is_symlink():

@@ -30,4 +30,10 @@ def nearest(name: str, known: Sequence[str], cutoff: float = 0.6) -> str:
 
 def shown(name: str) -> str:
     """The name, safe and short enough for a message."""
-    return name if name.isprintable() and len(name) <= 80 else repr(name[:80])
+    short = shortened(name)
+    return name if short == name and name.isprintable() else repr(short)
+
+
+def shortened(text: str) -> str:
+    """At most 80 characters of the text; of an address only what follows its login."""
+    return (f"…{text.rpartition('@')[2]}" if "://" in text else text)[:80]

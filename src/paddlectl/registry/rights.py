@@ -4,6 +4,7 @@ import os
 import pwd
 import shlex
 import stat
+import uuid
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -36,19 +37,46 @@ def share(path: Path) -> None:
 
 def make_folder(folder: Path) -> None:
     """Makes a folder of a registry, and those above it, where they are missing."""
-    if not folder.is_dir():
-        make_folder(folder.parent)
-        folder.mkdir(exist_ok=True)
-        share(folder)
+    if folder.is_dir():
+        return
+    make_folder(folder.parent)
+    temporary = _beside(folder)
+    temporary.mkdir()
+    try:
+        share(temporary)  # before others can see it
+        temporary.rename(folder)
+    except OSError:
+        temporary.rmdir()
+        if not folder.is_dir():  # else another process was first
+            raise
+
+
+def make_file(path: Path) -> None:
+    """Makes an empty file of a registry, where it is missing."""
+    temporary = _beside(path)
+    temporary.open("xb").close()
+    try:
+        share(temporary)
+        os.link(temporary, path)  # a rename would take the place of another process's
+    except FileExistsError:
+        pass
+    except OSError:  # a file system without links
+        path.open("ab").close()
+        share(path)
+    finally:
+        temporary.unlink()
 
 
 def opened(path: Path, mode: str) -> BinaryIO:
-    """Opens a file of a registry to write to it; makes it if it isn't there."""
-    new = not path.exists()
+    """Opens a file of a registry to write to it; makes it where it is missing."""
+    if not path.exists():
+        make_file(path)
     file: BinaryIO = path.open(mode)  # type: ignore[assignment]
-    if new:
-        share(path)
     return file
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
 
 
 def refused(path: Path) -> Refusal | None:

@@ -14,7 +14,7 @@ from paddlectl.errors import IntegrityError
 from paddlectl.registry import database, identity, layout, schema
 from paddlectl.registry.faults import busy
 from paddlectl.registry.objects import sync_folder
-from paddlectl.registry.rights import opened
+from paddlectl.registry.rights import make_file, opened
 
 
 class SqliteDatabase:
@@ -70,7 +70,7 @@ class SqliteDatabase:
 
     def copy(self, label: str) -> str:
         copy = self._aside(label)
-        opened(copy, "xb").close()
+        make_file(copy)
         with closing(_connect(self.path)) as source, closing(sqlite3.connect(copy)) as target:
             source.backup(target)
         sync_folder(self.folder)
@@ -108,7 +108,7 @@ class SqliteDatabase:
         fresh = self.path.with_name("registry.db.new")
         for leftover in self.folder.glob("registry.db.new*"):
             leftover.unlink()
-        opened(fresh, "xb").close()
+        make_file(fresh)
         with _migrating(fresh).begin() as connection:
             _migrate(connection)
             identity.give(self, connection, new=new)

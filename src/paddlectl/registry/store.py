@@ -29,7 +29,7 @@ _PLACES = "give a folder, or postgresql://…?files=FOLDER"
 
 
 class Registry(Entry):
-    """A folder with `registry.db`, `manifests/`, `objects/<sha256>.safetensors` and `runs/<run>/`.
+    """A folder with `registry.db`, `identity`, `manifests/`, `objects/<sha256>.safetensors`, `runs/<run>/`.
 
     It holds no open file between calls, so it may be kept, closed, forked or dropped at any time. Processes
     share a registry by its location. Faults of disk and database come out of every method as PaddlectlError:
