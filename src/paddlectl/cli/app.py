@@ -180,11 +180,11 @@ def _run(arguments: Sequence[str]) -> int:
 def _told(message: str, hint: str, code: int) -> int:
     if _Stopped.number:  # which broke off what now fails
         return code
-    from paddlectl.cli.texts import one_line, without_secrets
+    from paddlectl.cli.texts import here, one_line, without_secrets
 
     print(f"error: {one_line(without_secrets(message))}", file=sys.stderr)
     if hint:
-        print(one_line(without_secrets(hint)), file=sys.stderr)
+        print(one_line(without_secrets(here(hint))), file=sys.stderr)
     return code
 
 

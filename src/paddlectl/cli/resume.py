@@ -66,7 +66,7 @@ def stopped_runs(registry: "Registry", names: "Sequence[str]", every: bool) -> "
     from paddlectl.registry.layout import is_held
 
     if every == bool(names):
-        raise UsageError("which run?", "name it, as in: paddlectl resume run-7, or say --all")
+        raise UsageError("which run?", "name it, or run: paddlectl resume --all")
     if names:
         return [registry.run(name) for name in dict.fromkeys(names)]
     ended = ("finished", "failed")

@@ -1,8 +1,36 @@
 """Text that came from a user or a file, made safe for one line of a terminal; without loading Rich."""
 
 import re
+import shlex
+import sys
 
 _SECRET = re.compile(r"(:/{1,2}[^:/@\s]{0,200}):\S*@|(?i:(password|passwd|pwd)=)[^\s&\"']+")
+
+
+_COMMAND = re.compile(
+    r"paddlectl (?:evaluate|explain|policies|registry|resume|runs|show|similarity|train|transfer)\b"
+    r"(?: [^\s,;()]+)*"
+)
+
+
+def here(text: str) -> str:
+    """The text with the `--registry` of this command line at the commands in it, to be typed as they are."""
+    place = _registry()
+
+    def placed(found: re.Match[str]) -> str:
+        return found[0] if "--help" in found[0] else f"{found[0]} --registry {shlex.quote(place)}"
+
+    return _COMMAND.sub(placed, text) if place else text
+
+
+def _registry() -> str:
+    given = ""
+    for word, after in zip(sys.argv, [*sys.argv[1:], ""], strict=True):
+        if word == "--registry":
+            given = after
+        elif word.startswith("--registry="):
+            given = word.partition("=")[2]
+    return given
 
 
 def without_secrets(text: str) -> str:

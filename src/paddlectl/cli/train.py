@@ -55,6 +55,7 @@ def train(
     as_json: AsJson = False,
 ) -> None:
     """Train sources with the hybrid decision model and keep them in the registry."""
+    from paddlectl.cli.texts import here
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRAINED, table
 
@@ -63,7 +64,7 @@ def train(
     if as_json:
         print_json({"runs": rows})
     else:
-        print_text([table(TRAINED, rows, "Trained"), f"next: paddlectl show {rows[0]['policy']}"])
+        print_text([table(TRAINED, rows, "Trained"), here(f"next: paddlectl show {rows[0]['policy']}")])
 
 
 def train_jobs(

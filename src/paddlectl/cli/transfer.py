@@ -63,6 +63,7 @@ def transfer(
 ) -> None:
     """Learn a scenario's target, guided by policies of its sources."""
     from paddlectl.cli.quiet import stdout_kept
+    from paddlectl.cli.texts import here
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRANSFERRED, table
@@ -84,7 +85,7 @@ def transfer(
         print_json({"scenario": scenario.name, "target": scenario.target, "runs": rows})
     else:
         title = f"Scenario {scenario.name}: {scenario.target}"
-        print_text([table(TRANSFERRED, rows, title), f"next: paddlectl explain {rows[0]['run']}"])
+        print_text([table(TRANSFERRED, rows, title), here(f"next: paddlectl explain {rows[0]['run']}")])
 
 
 def known_method(method: str) -> str:

@@ -4,6 +4,7 @@ import errno
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from sqlalchemy.exc import DBAPIError
 
@@ -57,9 +58,10 @@ def _database_fault(place: str, error: BaseException | None) -> PaddlectlError:
         )
     if code == sqlite3.SQLITE_IOERR:
         return PaddlectlError(f"the disk failed under the registry {place}: {what}", "nothing was changed")
+    from_manifests = any((Path(place) / "manifests").glob("*.json"))
     return IntegrityError(
         f"{place}/registry.db is damaged or no registry: {what}",
-        "run: paddlectl registry repair",
+        "run: paddlectl registry repair" if from_manifests else "restore it from a copy",
     )
 
 

@@ -18,7 +18,7 @@ from paddlectl.registry.entry import Entry
 from paddlectl.registry.faults import faults
 from paddlectl.registry.names import number_of
 from paddlectl.registry.postgres import PostgresDatabase
-from paddlectl.registry.queries import best_policy, find_policy, find_run
+from paddlectl.registry.queries import best_policy, find_policy, find_run, next_step
 from paddlectl.registry.records import RUN_STATES, PolicyRecord, RunRecord
 from paddlectl.registry.schema import REVISIONS, policies, policy_record, run_records, runs, select_runs
 from paddlectl.registry.sqlite import SqliteDatabase
@@ -162,7 +162,7 @@ class Registry(Entry):
         with self._transaction(self._writing) as connection:
             found = find_run(connection, run)
             if found.status == "finished":
-                raise UsageError(f"{run} is finished", f"run: paddlectl explain {run}")
+                raise UsageError(f"{run} is finished", next_step(found))
             again = {"status": "running", "finished": None, "resumes": found.resumes + 1}
             connection.execute(update(runs).where(runs.c.id == number_of(run, "run")).values(again))
             self._publish(connection, run)
