@@ -12,7 +12,7 @@ import pytest
 
 from paddlectl.cli.app import COMMANDS
 from paddlectl.errors import PaddlectlError
-from paddlectl.experiments import sources
+from paddlectl.experiments import processes, sources
 from paddlectl.experiments.jobs import Progress, ResumeJob, TrainJob, TransferJob
 from paddlectl.experiments.transfers import _source
 from paddlectl.registry.records import PolicyRecord
@@ -181,70 +181,6 @@ PROVOKED: list[tuple[Callable[[Registry], object], str]] = [
     (lambda r: (r.folder / "registry.db").unlink(), "registry check"),
     (lambda r: shutil.rmtree(r.folder / "runs" / "run-3"), "explain run-3"),
 ]  # fmt: skip
-told: list[str] = []
-
-
-@pytest.mark.parametrize("elsewhere", [False, True], ids=["", "elsewhere"])
-@pytest.mark.parametrize(
-    "made, line", PROVOKED, ids=[f"{n}: {line}"[:40] for n, (_, line) in enumerate(PROVOKED)]
-)
-def test_the_command_in_a_hint_works(
-    registry: Registry, command: Command, made: Callable[[Registry], object], line: str, elsewhere: bool,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    made(registry)
-    words = line.split()
-    if elsewhere and COMMANDS.keys() & {words[0]} and words != ["train"]:
-        monkeypatch.delenv("PADDLECTL_REGISTRY")
-        words += ["--registry", str(registry.folder)]
-    answer = command(*words)
-    told.append(answer.out + answer.err)
-    found = ways(answer.out + answer.err)
-    assert found, answer
-    for way in found:
-        then = command(*way)
-        told.append(then.out + then.err)
-        faults = way[:2] == ["registry", "check"] and "faults" in then.out
-        assert then.code == 0 or (then.code == 5 and faults), (way, then)
-
-
-def test_hints_that_no_command_line_shows_here(
-    registry: Registry, command: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    damaged_program(registry)
-    for provoked in (
-        lambda: _source(registry, "policy-4"),
-        lambda: registry.resume_run("run-1"),
-        lambda: registry.resume_run("run-3"),
-    ):
-        with pytest.raises(PaddlectlError) as caught:
-            provoked()
-        told.append(caught.value.hint)
-        (way,) = ways(caught.value.hint)
-        assert command(*way).code == 0
-    monkeypatch.setattr("paddlectl.report.explained.SHORTEST", 1)
-    answer = command("explain", "run-3")
-    told.append(answer.out)
-    (way,) = ways(answer.out)
-    assert way[0] == "show" and command(*way).code == 0
-
-
-def test_a_stopped_command_says_how_to_go_on(
-    registry: Registry, command: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stopped(registry)
-
-    def run_jobs(_: object, __: object, report: Callable[..., None], **___: object) -> None:
-        report(0, Progress("run-4", 1, 2, 0, None, None, ""))
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr("paddlectl.experiments.processes.run_jobs", run_jobs)
-        answer = command("train", "BoxDoor")
-    assert answer.code == 130
-    told.append(answer.err)
-    (way,) = ways(answer.err)
-    assert way == ["resume", "run-4"] and command(*way).code == 0
 
 
 def templates() -> Iterator[tuple[str, str]]:
@@ -273,7 +209,71 @@ def templates() -> Iterator[tuple[str, str]]:
 ALIKE = {"card.py", "checkpoints.py", "documents.py", "manifests.py", "schema.py", "faults.py"}
 
 
-def test_no_hint_is_left_out() -> None:
+def stop_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next command that learns is stopped by ^C once run-4 has begun."""
+    usual = processes.run_jobs
+
+    def run_jobs(_: object, __: object, report: Callable[..., None], **___: object) -> None:
+        monkeypatch.setattr(processes, "run_jobs", usual)
+        report(0, Progress("run-4", 1, 2, 0, None, None, ""))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(processes, "run_jobs", run_jobs)
+
+
+Tried = Callable[[Callable[[Registry], object], str], str]
+
+
+@pytest.fixture
+def tried(
+    registry: Registry, command: Command, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> Tried:
+    """Types a line and each command that it names, and gives all that was told; if asked, by --registry."""
+    whole = registry.folder.with_name("whole")
+    shutil.copytree(registry.folder, whole)
+
+    def typed(made: Callable[[Registry], object], line: str) -> str:
+        shutil.rmtree(registry.folder, ignore_errors=True)
+        shutil.copytree(whole, registry.folder)
+        made(registry)
+        words = line.split()
+        if request.param and words[0] in COMMANDS and line != "train":
+            monkeypatch.delenv("PADDLECTL_REGISTRY", raising=False)
+            words += ["--registry", str(registry.folder)]
+        answer = command(*words)
+        found = ways(answer.out + answer.err)
+        assert found, (line, answer)
+        return answer.out + answer.err + "".join(followed(command, way) for way in found)
+
+    return typed
+
+
+def followed(command: Command, way: list[str]) -> str:
+    answer = command(*way)
+    faults = way[:2] == ["registry", "check"] and "faults" in answer.out
+    assert answer.code == 0 or (answer.code == 5 and faults), (way, answer)
+    return answer.out + answer.err
+
+
+@pytest.mark.parametrize("tried", [True], ids=["elsewhere"], indirect=True)
+def test_the_command_in_a_hint_names_the_registry_that_was_named(tried: Tried) -> None:
+    for made, line in PROVOKED[::3]:
+        tried(made, line)
+
+
+@pytest.mark.parametrize("tried", [False], ids=["here"], indirect=True)
+def test_the_command_in_a_hint_works_and_no_hint_is_left_out(
+    tried: Tried, registry: Registry, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = [tried(made, line) for made, line in PROVOKED]
+    told.append(tried(lambda r: (stopped(r), stop_once(monkeypatch)), "train BoxDoor"))
+    with monkeypatch.context() as patched:
+        patched.setattr("paddlectl.report.explained.SHORTEST", 1)
+        told.append(tried(nothing, "explain run-3"))
+    damaged_program(registry)
+    with pytest.raises(PaddlectlError) as caught:
+        _source(registry, registry.policy("DoorBall").id)
+    told += [caught.value.hint, *(followed(command, way) for way in ways(caught.value.hint))]
     everything = "\n".join(told)
     left = [
         where

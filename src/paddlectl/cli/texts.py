@@ -14,8 +14,11 @@ _COMMAND = re.compile(
 
 
 def here(text: str) -> str:
-    """The text with the `--registry` of this command line at the commands in it, to be typed as they are."""
-    place = _registry()
+    """The text with the `--registry` of this command line at the commands in it, to be typed as they are.
+
+    A password in it isn't told again.
+    """
+    place = without_secrets(_registry())
 
     def placed(found: re.Match[str]) -> str:
         return found[0] if "--help" in found[0] else f"{found[0]} --registry {shlex.quote(place)}"
