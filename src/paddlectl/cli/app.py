@@ -78,7 +78,9 @@ def main() -> int:
     _Stopped.number, _Stopped.deaf_until = 0, 0.0
     try:
         code = _main()
-    except KeyboardInterrupt:
+    except BaseException as error:
+        if not _Stopped.number and not isinstance(error, KeyboardInterrupt):
+            raise  # else it is what the signal broke: an import, say, can end in a SyntaxError
         code = INTERRUPTED
         _hear_nothing()
     if not _Stopped.number and code != INTERRUPTED:
