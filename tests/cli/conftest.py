@@ -1,6 +1,7 @@
 """Commands run in this process or in one of their own, and a registry for them to speak of."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -49,10 +50,16 @@ def process() -> Callable[..., subprocess.CompletedProcess[str]]:
 
 
 @pytest.fixture
-def registry(tmp_path: Path) -> Registry:
+def registry(_made: Path, tmp_path: Path) -> Registry:
     """policy-1 solves BlockedDoor, policy-2 GapBall, policy-3 came out of the transfer run-3."""
-    made = Registry.open(tmp_path / "registry")
+    shutil.copytree(_made, tmp_path / "registry")
+    return Registry.open(tmp_path / "registry")
+
+
+@pytest.fixture(scope="session")
+def _made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = Registry.open(tmp_path_factory.mktemp("made") / "registry")
     for task, clauses in (("BlockedDoor", BLOCKED_DOOR), ("GapBall", GAP_BALL)):
         add_source(made, task, program(task, clauses))
     add_transfer(made)
-    return made
+    return made.folder

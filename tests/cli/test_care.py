@@ -151,8 +151,8 @@ def test_a_password_is_never_shown(process, tmp_path: Path) -> None:  # type: ig
 
 def test_what_resume_refuses(registry: Registry, command: Command) -> None:
     for line, code, told in (
-        ("resume", 2, "name it, as in"),
-        ("resume --all run-1", 2, "name it, as in"),
+        ("resume", 2, "name it, or run: paddlectl resume --all"),
+        ("resume --all run-1", 2, "name it, or run:"),
         ("resume run-1", 2, "run-1 is finished"),
         ("resume run-77", 4, "no run run-77"),
     ):

@@ -1,5 +1,6 @@
 """Every mistake and fault: its exit code, one or two lines on stderr, nothing on stdout, no traceback."""
 
+import contextlib
 import os
 import signal
 import sqlite3
@@ -348,3 +349,27 @@ def test_an_interrupt_that_is_lost_can_be_given_again(
     monkeypatch.setattr(app, "make_app", make)
     answer = command("runs")
     assert (answer.code, answer.err) == (130, "interrupted\n")
+
+
+def test_what_an_interrupt_breaks_is_not_told(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise SyntaxError("can't load unicodedata module")
+
+    for place in ("make_app", "_mend_streams"):
+        with monkeypatch.context() as patched:
+            patched.setattr(app, place, lambda *_: broken())
+            patched.setattr(signal, "default_int_handler", signal.getsignal(signal.SIGINT))
+            answer = command("runs")
+        assert (answer.code, answer.out, answer.err) == (130, "", "interrupted\n")
+
+
+def test_an_interrupt_while_the_command_line_is_loaded(tmp_path: Path) -> None:
+    (tmp_path / "typing.py").write_text(
+        "import os, signal\nfor _ in range(2): os.kill(os.getpid(), signal.SIGINT)\n"
+    )
+    line = f"{sys.executable} -S -c 'import sys; from paddlectl.__main__ import main; sys.exit(main())'"
+    environment = {"PYTHONPATH": f"{tmp_path}:{ROOT / 'src'}"}
+    done = subprocess.run(line, shell=True, env=environment, capture_output=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")

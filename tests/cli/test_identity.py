@@ -268,8 +268,8 @@ def test_one_that_lost_its_tables_gets_a_new_identity(address: str, postgres: Se
 
 
 def test_completion_says_nothing(address: str, location: Path, tmp_path: Path) -> None:
-    from paddlectl.cli.completion import policy_names, run_names, stopped_names
+    from paddlectl.cli.completion import policy_names, stopped_names, transfer_names
 
     (location / identity.FILE).unlink()
     for place in (str(location), f"{address}x"):
-        assert [names(place) for names in (policy_names, run_names, stopped_names)] == [[], [], []]
+        assert [names(place) for names in (policy_names, transfer_names, stopped_names)] == [[], [], []]

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from paddlectl.cli.options import place
+from paddlectl.cli.texts import here
 from paddlectl.experiments.jobs import Progress, TrainJob
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.sources import train_source
@@ -104,15 +105,39 @@ def test_a_home_folder_that_is_not_there(home: Path, command: Command, where: st
 def test_a_budget_below_a_round_is_told_before_it_starts(tmp_path: Path) -> None:
     told: list[str] = []
     with Registry.open(tmp_path / "registry") as opened:
-        steps: list[tuple[int, int]] = []
 
         def report(progress: Progress) -> None:
             assert told == ["2,048 frames are run instead of 1: a round has so many"]
-            steps.append((progress.frames, progress.total))
+            assert (progress.frames, progress.total) == (2048, 2048)
+            raise KeyboardInterrupt
 
-        train_source(TrainJob(task="BoxDoor", seed=0, frames=1), opened, report, Pace(tell=told.append))
-        assert steps == [(2048, 2048)]
-        told.clear()
-        job = TrainJob(task="BoxDoor", seed=0, frames=2048)
-        train_source(job, opened, lambda _: None, Pace(tell=told.append))
-        assert told == []
+        with pytest.raises(KeyboardInterrupt):
+            train_source(TrainJob(task="BoxDoor", seed=0, frames=1), opened, report, Pace(tell=told.append))
+    told.clear()
+    Pace(tell=told.append).tell_of_rounds(2048, 2048)
+    Pace(tell=told.append, resumed="run-1").tell_of_rounds(1, 2048)
+    assert told == []
+
+
+@pytest.mark.parametrize(
+    "given, told",
+    [
+        ([], "run: paddlectl registry check, then paddlectl registry repair"),
+        (
+            ["--registry", "a b"],
+            "run: paddlectl registry check --registry 'a b', then paddlectl registry repair --registry 'a b'",
+        ),
+        (
+            ["--registry=postgresql://me:s3cret@h/d"],
+            "run: paddlectl registry check --registry 'postgresql://me:…@h/d',"
+            " then paddlectl registry repair --registry 'postgresql://me:…@h/d'",
+        ),
+    ],
+)
+def test_a_hint_names_the_registry_that_was_named(
+    given: list[str], told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["paddlectl", "registry", "gc", *given])
+    assert here("run: paddlectl registry check, then paddlectl registry repair") == told
+    assert here("run: paddlectl train --help") == "run: paddlectl train --help"
+    assert here("use the version of paddlectl that wrote it last").endswith("wrote it last")

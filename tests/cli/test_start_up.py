@@ -13,7 +13,7 @@ import pytest
 
 from paddlectl.cli.app import COMMANDS
 from paddlectl.registry.store import Registry
-from samples import ROOT, TARGET
+from samples import ROOT, TARGET, add_source
 
 HEAVY = {"torch", "gymnasium", "minigrid", "mujoco", "pandas", "matplotlib", "alembic", "pydantic"}
 LOADED = """
@@ -127,12 +127,48 @@ def test_completion_of_commands_tasks_policies_runs(registry: Registry) -> None:
         "policy-2",
         "policy-1",
     ]
-    assert complete("paddlectl explain run", **where) == ["run-3", "run-2", "run-1"]
+    assert complete("paddlectl explain ", **where) == ["latest", "run-3"]
     assert complete(f"paddlectl show --registry {registry.location} policy-1") == ["policy-1"]
+
+
+def test_completion_offers_what_the_command_takes(registry: Registry) -> None:
+    where = {"PADDLECTL_REGISTRY": registry.location}
+    add_source(registry, "CoffeeMaze", "", domain="maze2d")
+    for method, sources, status in (
+        ("hdm", (), "interrupted"),
+        ("hdm", (), "failed"),
+        ("random", (), "failed"),
+        ("paddle", ("elsewhere:policy-1",), "interrupted"),
+        ("hdm", (), "running"),
+        ("hdm", (), "running"),
+    ):
+        run = registry.add_run(
+            kind="train", method=method, task="GapBall", scenario=None, sources=sources, seed=0, settings={},
+            versions={},
+        )  # fmt: skip
+        if status != "running":
+            registry.finish_run(run.id, status=status, frames=1, episodes=0, seconds=1.0, results={})
+    with registry.hold("run-9"):
+        assert complete("paddlectl resume ", **where) == ["run-10", "run-6", "run-5"]
+    assert complete("paddlectl registry export run-", **where) == [f"run-{n}" for n in range(8, 0, -1)]
+    assert complete("paddlectl registry export l", **where) == []
+    assert complete("paddlectl similarity --target CoffeeMaze --source ", **where) == [
+        "CoffeeMaze",
+        "policy-4",
+    ]
+    assert "policy-4" not in complete(f"paddlectl similarity --target {TARGET} --source p", **where)
+
+
+def test_nothing_is_offered_where_there_is_nothing(tmp_path: Path) -> None:
+    Registry.open(tmp_path / "registry").close()
+    for line in ("explain ", "resume ", "show ", "registry export "):
+        assert complete(f"paddlectl {line}", PADDLECTL_REGISTRY=str(tmp_path / "registry")) == []
 
 
 def test_completion_of_scenario_files(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("HOME", str(ROOT))
+    assert complete("paddlectl transfer ~/scenarios/D") == ["~/scenarios/D-place.yaml", "~/scenarios/D.yaml"]
     assert complete("paddlectl transfer scen") == ["scenarios/"]
     assert complete("paddlectl transfer scenarios/A") == ["scenarios/A-place.yaml", "scenarios/A.yaml"]
 

@@ -74,7 +74,7 @@ def expect_busy(address: str, seconds: float) -> None:
             work(address)
         assert time.monotonic() - began < seconds
         assert "check the address" in caught.value.hint
-    for names in (completion.policy_names, completion.run_names, completion.held_names):
+    for names in (completion.policy_names, completion.transfer_names, completion.ended_names):
         began = time.monotonic()
         assert names(address) == []
         assert time.monotonic() - began < seconds / 2
@@ -123,5 +123,5 @@ def test_a_writer_that_holds_the_index_doesnt_hold_completion(
     with closing(sqlite3.connect(registry.folder / "registry.db", isolation_level=None)) as connection:
         connection.execute("BEGIN EXCLUSIVE")
         began = time.monotonic()
-        assert completion.run_names(registry.location) == []
+        assert completion.transfer_names(registry.location) == []
         assert time.monotonic() - began < impatient

@@ -112,14 +112,13 @@ def decision(**more):
     }  # fmt: skip
 
 
-def text(weights=(), trace=()):
+def text(weights=(), trace=(), **more):
     document = {
         "program": None, "source_programs": [], "mapping": None, "weights": list(weights),
         "trace": list(trace), "trace_scores": {"early": 0.9, "late": None},
     }  # fmt: skip
-    run = SimpleNamespace(
-        id="run-1", method="paddle", task="T", seed=0, frames=9, status="finished", results={}, sources=()
-    )
+    told = {"method": "paddle", "status": "finished", "results": {}, "policy": None, **more}
+    run = SimpleNamespace(id="run-1", task="T", seed=0, frames=9, sources=(), **told)
     console = Console(width=100, markup=False)
     with console.capture() as caught:
         for part in explanation_parts(document, run):
@@ -172,3 +171,18 @@ def test_an_older_run_is_told_to_have_recorded_no_causes():
     assert "older version, which did not record why a guide was chosen" in told
     assert "policy-1 led 80 % of 10 decisions. Its subgoal was reached in 12 %." in told
     assert "Dropped" not in told
+
+
+def test_a_run_from_scratch_says_why_nobody_led_and_what_tells_more():
+    told = text(method="hdm", policy="policy-7", results={"mean_length": 30.0, "final_score": 0.8})
+    assert "final score 0.80, length 30.0" in told
+    assert "hdm learns from scratch: there were no guides to choose from, and no episode was kept." in told
+    assert told.endswith("paddlectl evaluate policy-7")
+    stopped = text(method="hdm", status="interrupted")
+    assert "No policy was stored: the run is interrupted. run: paddlectl resume run-1" in stopped
+    assert "evaluate" not in stopped
+
+
+def test_an_episode_of_a_run_from_scratch_would_be_told():
+    told = text(trace=[decision()], method="hdm")
+    assert "policy-1 → gt_key(), 3 steps, reached" in told and "no guides" not in told

@@ -79,7 +79,9 @@ def main() -> int:
     _Stopped.number, _Stopped.deaf_until = 0, 0.0
     try:
         code = _main()
-    except KeyboardInterrupt:
+    except BaseException as error:
+        if not _Stopped.number and not isinstance(error, KeyboardInterrupt):
+            raise  # else it is what the signal broke: an import, say, can end in a SyntaxError
         code = INTERRUPTED
         _hear_nothing()
     if not _Stopped.number and code != INTERRUPTED:
@@ -184,11 +186,11 @@ def _run(arguments: Sequence[str]) -> int:
 def _told(message: str, hint: str, code: int) -> int:
     if _Stopped.number:  # which broke off what now fails
         return code
-    from paddlectl.cli.texts import one_line, without_secrets
+    from paddlectl.cli.texts import here, one_line, without_secrets
 
     print(f"error: {one_line(without_secrets(message))}", file=sys.stderr)
     if hint:
-        print(one_line(without_secrets(hint)), file=sys.stderr)
+        print(one_line(without_secrets(here(hint))), file=sys.stderr)
     return code
 
 

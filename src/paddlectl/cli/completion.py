@@ -1,6 +1,6 @@
 """What the shell is offered: tasks, policies, runs, files; silence if there is trouble."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import wraps
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from paddlectl.registry.records import Label
-    from paddlectl.registry.store import Registry
+    from paddlectl.registry.store import Which
 
 T = TypeVar("T")
 PATIENCE = 1.0  # seconds for a registry whose server, disk or writer keeps one waiting
@@ -33,67 +33,76 @@ def task_names() -> list[str]:
     return list(names())
 
 
-def _soon(registry: str | None, offers: Callable[["Registry"], list[T]]) -> list[T]:
-    """What the registry offers.
+def _soon(registry: str | None, which: "Which") -> "list[Label]":
+    """The registry's labels.
 
     Raises:
         IndexError: If there is trouble, or no answer soon.
     """
     from paddlectl.registry.store import Registry
 
-    told: list[list[T]] = []
+    found: list[list[Label]] = []
 
     def ask() -> None:
         with suppress(Exception):
-            told.append(offers(Registry.open(registry or "registry", create=False)))
+            found.append(Registry.open(registry or "registry", create=False).labels(which))
 
     thread = Thread(target=ask, daemon=True)
     thread.start()
     thread.join(PATIENCE)
-    return told[0]
-
-
-def _policies(registry: "Registry") -> list[tuple[str, str]]:
-    labels = registry.labels("policy")
-    best = [(task, "its best policy") for task in dict.fromkeys(label.task for label in labels)]
-    return best + _told(labels)
-
-
-def _runs(registry: "Registry") -> list[tuple[str, str]]:
-    return _told(registry.labels("run"))
-
-
-def _stopped(registry: "Registry") -> list[tuple[str, str]]:
-    return _told(registry.labels("run", unfinished=True))
-
-
-def _told(labels: "Iterable[Label]") -> list[tuple[str, str]]:
-    return [(label.id, f"{label.method} on {label.task}") for label in labels]
+    return found[0]
 
 
 @_quiet
 def policy_names(registry: str | None) -> list[tuple[str, str]]:
-    return _soon(registry, _policies)
+    return _with_tasks(_soon(registry, "policies"))
 
 
 @_quiet
-def run_names(registry: str | None) -> list[tuple[str, str]]:
-    return [("latest", "the newest transfer"), *_soon(registry, _runs)]
+def source_names(registry: str | None, target: str | None) -> list[tuple[str, str]]:
+    """Those that Ψ of the target can be shown from: of its domain."""
+    from paddlectl.tasks.suite import load, names
+
+    policies = _soon(registry, "policies")
+    if target:
+        near = {name for name in names() if load(name).domain == load(target).domain}
+        policies = [policy for policy in policies if policy.task in near]
+    return _with_tasks(policies)
 
 
 @_quiet
-def held_names(registry: str | None) -> list[tuple[str, str]]:
-    return _soon(registry, lambda opened: _policies(opened) + _runs(opened))
+def transfer_names(registry: str | None) -> list[tuple[str, str]]:
+    """Those that can be explained."""
+    found = _pairs(_soon(registry, "transfers"))
+    return [("latest", "the newest transfer"), *found] if found else []
+
+
+@_quiet
+def ended_names(registry: str | None) -> list[tuple[str, str]]:
+    """Those that can be exported, policies among them."""
+    return _with_tasks(_soon(registry, "policies")) + _pairs(_soon(registry, "ended"))
 
 
 @_quiet
 def stopped_names(registry: str | None) -> list[tuple[str, str]]:
-    return _soon(registry, _stopped)
+    """Those that can be resumed."""
+    return _pairs(_soon(registry, "stopped"))
+
+
+def _with_tasks(labels: "Sequence[Label]") -> list[tuple[str, str]]:
+    best = [(task, "its best policy") for task in dict.fromkeys(label.task for label in labels)]
+    return best + _pairs(labels)
+
+
+def _pairs(labels: "Iterable[Label]") -> list[tuple[str, str]]:
+    return [(label.id, f"{label.method} on {label.task}") for label in labels]
 
 
 @_quiet
 def scenario_files(incomplete: str) -> list[str]:
     folder = Path(incomplete).parent if not incomplete.endswith("/") else Path(incomplete)
-    found = [path for path in folder.iterdir() if path.is_dir() or path.suffix in (".yaml", ".yml")]
-    shown = sorted(f"{path}/" if path.is_dir() else str(path) for path in found)
+    found = [
+        path for path in folder.expanduser().iterdir() if path.is_dir() or path.suffix in (".yaml", ".yml")
+    ]
+    shown = sorted(f"{folder / path.name}/" if path.is_dir() else str(folder / path.name) for path in found)
     return [name for name in shown if not name.startswith(".")]

@@ -31,6 +31,7 @@ def evaluate(
     as_json: AsJson = False,
 ) -> None:
     """Play a policy on layouts that it never trained on."""
+    from paddlectl.cli.named import policy_named
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
@@ -39,7 +40,7 @@ def evaluate(
 
     name = load(task).name if task is not None else None
     opened = Registry.open(registry, create=False)
-    record = opened.policy(policy)
+    record = policy_named(opened, policy)
     with stdout_kept():
         from paddlectl.experiments.sources import evaluate as play
 

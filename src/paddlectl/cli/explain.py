@@ -1,10 +1,11 @@
 """`paddlectl explain`."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from paddlectl.cli.options import AsJson, RegistryPlace, complete_runs
+from paddlectl.cli.options import AsJson, RegistryPlace, complete_transfers
 from paddlectl.errors import NotFoundError
 
 if TYPE_CHECKING:
@@ -12,17 +13,20 @@ if TYPE_CHECKING:
     from paddlectl.registry.store import Registry
 
 LATEST = "latest"
+SCENARIO = "scenarios/A.yaml"
 EXAMPLE = "Example: paddlectl explain run-42"
 
 
 def explain(
     run: Annotated[
-        str, typer.Argument(metavar="RUN", autocompletion=complete_runs, help="A transfer's run; or latest.")
+        str,
+        typer.Argument(metavar="RUN", autocompletion=complete_transfers, help="A transfer's run; or latest."),
     ] = LATEST,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
     """Tell why a transfer acted as it did: program, Ψ, weights per scene, one episode."""
+    from paddlectl.cli.texts import here
     from paddlectl.registry.store import Registry
     from paddlectl.report.explained import explanation_parts
     from paddlectl.report.explanation import explanation_document
@@ -34,7 +38,8 @@ def explain(
     if as_json:
         print_json(document)
     else:
-        print_text(explanation_parts(document, record))
+        parts = explanation_parts(document, record)
+        print_text([here(part) if isinstance(part, str) else part for part in parts])
 
 
 def transfer_run(registry: "Registry", run: str) -> "RunRecord":
@@ -43,14 +48,14 @@ def transfer_run(registry: "Registry", run: str) -> "RunRecord":
     Raises:
         NotFoundError: If there is none, or it isn't a transfer.
     """
+    from paddlectl.registry.queries import next_step
+
     if run == LATEST:
         if newest := registry.newest_transfer():
             return newest
-        raise NotFoundError(
-            f"no transfer in {registry.shown}", "run: paddlectl transfer scenarios/A.yaml --train-missing"
-        )
+        way = f"{SCENARIO} --train-missing" if Path(SCENARIO).is_file() else "--help"
+        raise NotFoundError(f"no transfer in {registry.shown}", f"run: paddlectl transfer {way}")
     record = registry.run(run)
     if record.kind != "transfer":
-        hint = f"run: paddlectl show {record.policy}" if record.policy else "run: paddlectl runs"
-        raise NotFoundError(f"{record.id} trained a source; explain is for transfers", hint)
+        raise NotFoundError(f"{record.id} trained a source; explain is for transfers", next_step(record))
     return record

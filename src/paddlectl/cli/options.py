@@ -27,16 +27,23 @@ def complete_policies(ctx: typer.Context, incomplete: str) -> list[tuple[str, st
     return [pair for pair in policy_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
 
 
-def complete_runs(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
-    from paddlectl.cli.completion import run_names
+def complete_sources(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    from paddlectl.cli.completion import source_names
 
-    return [pair for pair in run_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+    found = source_names(ctx.params.get("registry"), ctx.params.get("target"))
+    return [pair for pair in found if pair[0].startswith(incomplete)]
+
+
+def complete_transfers(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    from paddlectl.cli.completion import transfer_names
+
+    return [pair for pair in transfer_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
 
 
 def complete_held(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
-    from paddlectl.cli.completion import held_names
+    from paddlectl.cli.completion import ended_names
 
-    return [pair for pair in held_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+    return [pair for pair in ended_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
 
 
 def complete_stopped(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:

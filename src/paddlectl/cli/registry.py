@@ -10,7 +10,7 @@ from paddlectl.cli.options import AsJson, RegistryPlace, complete_held, file_at
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from paddlectl.registry.findings import Finding
+    from paddlectl.registry.findings import Finding, Report
 
 app = typer.Typer(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 EXAMPLE = "Example: paddlectl registry check --read-data"
@@ -31,6 +31,7 @@ def check(
     as_json: AsJson = False,
 ) -> int:
     """Look for anything missing, changed or left over; changes nothing. Exit 5 if there is a fault."""
+    from paddlectl.cli.texts import here
     from paddlectl.registry import check as checking
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import FINDINGS, table
@@ -44,8 +45,9 @@ def check(
         looked = f"{len(report.rows)} rows, {report.files} files" + (
             f", {report.bytes:,} bytes read" if read_data else "; --read-data reads every byte"
         )
-        told = f"{len(report.faults)} faults; run: paddlectl registry repair" if report.faults else "sound"
-        print_text([*([table(FINDINGS, rows)] if rows else []), f"{told} ({looked})"])
+        told = f"{len(report.faults)} faults{_mending(report)}" if report.faults else "sound"
+        shown = [row | {"what": here(row["what"])} for row in rows]
+        print_text([*([table(FINDINGS, shown)] if rows else []), here(f"{told} ({looked})")])
     return DAMAGED if report.faults else 0
 
 
@@ -120,11 +122,15 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write a policy, or a run with its tables, as one file: a zipped model folder with its card."""
+    from paddlectl.cli.named import policy_named
     from paddlectl.registry import bundles
+    from paddlectl.registry.names import number_of
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import clean, print_json, print_text
 
     with Registry.open(registry, create=False) as opened:
+        if number_of(name, "run") is None:
+            policy_named(opened, name)
         told = bundles.export(opened, name, file)
     if as_json:
         print_json(told)
@@ -169,6 +175,12 @@ def upgrade(registry: RegistryPlace = "registry", as_json: AsJson = False) -> No
 
 
 _DROP = "restore the data, or run: paddlectl registry repair --drop-lost"
+
+
+def _mending(report: "Report") -> str:
+    """What mends the faults, if there is anything to mend them from."""
+    sources = report.readable or report.manifests or report.older
+    return "; run: paddlectl registry repair" if sources else "; restore the index from a copy"
 
 
 def _rows(findings: "Sequence[Finding]") -> list[dict[str, Any]]:

@@ -65,7 +65,7 @@ def resumable(
         PaddlectlError: What is wrong with the run, if only one is asked for.
     """
     if every == bool(names):
-        raise UsageError("which run?", "name it, as in: paddlectl resume run-7, or say --all")
+        raise UsageError("which run?", "name it, or run: paddlectl resume --all")
     names = list(dict.fromkeys(names)) or [run.id for run in stopped_runs(registry)]
     if not names:  # and nothing that takes long to load
         return [], {}

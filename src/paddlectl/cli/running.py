@@ -4,6 +4,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from paddlectl.cli.texts import here
 from paddlectl.errors import PaddlectlError
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ class _Begun:
     def tell(self) -> None:
         """How to go on, after an interruption."""
         if self._runs:
-            print(f"go on with: paddlectl resume {' '.join(self._runs.values())}", file=sys.stderr)
+            print(here(f"go on with: paddlectl resume {' '.join(self._runs.values())}"), file=sys.stderr)
         if new := [name for index, name in self._left.items() if index not in self._runs]:
             more = f" and {len(new) - MOST_NAMED} more" if len(new) > MOST_NAMED else ""
             print(f"not begun: {', '.join(new[:MOST_NAMED])}{more}", file=sys.stderr)

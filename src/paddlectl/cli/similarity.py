@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from paddlectl.cli.options import AsJson, RegistryPlace, complete_policies, complete_tasks
+from paddlectl.cli.options import AsJson, RegistryPlace, complete_sources, complete_tasks
 from paddlectl.errors import NotFoundError, UsageError
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def similarity(
         list[str] | None,
         typer.Option(
             metavar="POLICY",
-            autocompletion=complete_policies,
+            autocompletion=complete_sources,
             help="A policy's id or a task's name; repeat for more. Without: every other task's best policy.",
             show_default=False,
         ),
@@ -87,7 +87,9 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
         NotFoundError: If a policy, or any policy of the domain, isn't there.
         UsageError: If a policy is of another domain.
     """
-    found = [registry.policy(name) for name in names] or _best_of_domain(registry, target)
+    from paddlectl.cli.named import policy_named
+
+    found = [policy_named(registry, name) for name in names] or _best_of_domain(registry, target)
     if not found:
         raise NotFoundError(
             f"no policy of another {target.domain} task in {registry.shown}",
@@ -102,10 +104,10 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
 
 
 def _another(target: "Task") -> str:
-    """The last other task of the domain."""
+    """The first other task of the domain: a source."""
     from paddlectl.tasks.suite import load, names
 
-    return [n for n in names() if n != target.name and load(n).domain == target.domain][-1]
+    return next(n for n in names() if n != target.name and load(n).domain == target.domain)
 
 
 def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":

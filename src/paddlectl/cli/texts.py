@@ -2,12 +2,42 @@
 
 import os
 import re
+import shlex
 import sys
 
 from paddlectl.registry.addresses import secrets_of, without
 
 _LOGIN = re.compile(r"(:/+|\w//).*@|(://)[^\s/@]*:[^@\s]*")  # the latter where a message was cut
 _KEY = re.compile(r"((?:password|passwd|pwd)=)[^\s&\"']+", re.IGNORECASE)
+
+
+_COMMAND = re.compile(
+    r"paddlectl (?:evaluate|explain|policies|registry|resume|runs|show|similarity|train|transfer)\b"
+    r"(?: [^\s,;()]+)*"
+)
+
+
+def here(text: str) -> str:
+    """The text with the `--registry` of this command line at the commands in it, to be typed as they are.
+
+    A password in it isn't told again.
+    """
+    place = without_secrets(_registry())
+
+    def placed(found: re.Match[str]) -> str:
+        return found[0] if "--help" in found[0] else f"{found[0]} --registry {shlex.quote(place)}"
+
+    return _COMMAND.sub(placed, text) if place else text
+
+
+def _registry() -> str:
+    given = ""
+    for word, after in zip(sys.argv, [*sys.argv[1:], ""], strict=True):
+        if word == "--registry":
+            given = after
+        elif word.startswith("--registry="):
+            given = word.partition("=")[2]
+    return given
 
 
 def without_secrets(text: str) -> str:

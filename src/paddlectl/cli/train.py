@@ -58,6 +58,7 @@ def train(
     as_json: AsJson = False,
 ) -> None:
     """Train sources with the hybrid decision model and keep them in the registry."""
+    from paddlectl.cli.texts import here
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRAINED, table
 
@@ -66,7 +67,7 @@ def train(
     if as_json:
         print_json({"runs": ended.rows, "failed": ended.documents()})
     elif ended.rows:
-        next_one = f"next: paddlectl show {ended.rows[0]['policy']}"
+        next_one = here(f"next: paddlectl show {ended.rows[0]['policy']}")
         print_text([table(TRAINED, ended.rows, "Trained"), next_one])
     ended.require_all()
 

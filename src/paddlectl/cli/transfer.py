@@ -65,6 +65,7 @@ def transfer(
 ) -> None:
     """Learn a scenario's target, guided by policies of its sources."""
     from paddlectl.cli.quiet import stdout_kept
+    from paddlectl.cli.texts import here
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRANSFERRED, table
@@ -96,7 +97,7 @@ def transfer(
         print_json({**told, "runs": ended.rows, "failed": ended.documents()})
     elif ended.rows:
         title = f"Scenario {scenario.name}: {scenario.target}"
-        next_one = f"next: paddlectl explain {ended.rows[0]['run']}"
+        next_one = here(f"next: paddlectl explain {ended.rows[0]['run']}")
         print_text([table(TRANSFERRED, ended.rows, title), next_one])
     ended.require_all()
 

@@ -11,6 +11,7 @@ from paddlectl.experiments import snapshot
 from paddlectl.experiments.log import RunLog
 from paddlectl.experiments.stop import Stop
 from paddlectl.registry.names import ELSEWHERE
+from paddlectl.registry.queries import next_step
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 
@@ -132,6 +133,6 @@ def require_resumable(run: RunRecord) -> None:
         UsageError: If it is finished, came from elsewhere, or learned nothing.
     """
     if run.status == "finished":
-        raise UsageError(f"{run.id} is finished", f"run: paddlectl explain {run.id}")
+        raise UsageError(f"{run.id} is finished", next_step(run))
     if run.method == "random" or any(source.startswith(ELSEWHERE) for source in run.sources):
         raise UsageError(f"{run.id} can't go on here", "start it anew")

@@ -77,7 +77,7 @@ def load(path: Path) -> bytes:
         IntegrityError: If it is no plain file, or too large.
     """
     if not path.exists():
-        raise NotFoundError(f"no file {path}", "run: paddlectl registry export POLICY FILE")
+        raise NotFoundError(f"no file {path}", "run: paddlectl registry export --help")
     if not path.is_file() or path.stat().st_size > LARGEST:
         raise IntegrityError(f"{path} is no bundle: no file, or larger than {LARGEST >> 20} MiB", _HINT)
     with path.open("rb") as file:

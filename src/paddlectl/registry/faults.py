@@ -63,9 +63,10 @@ def _database_fault(place: str, error: BaseException | None) -> PaddlectlError:
         )
     if code == sqlite3.SQLITE_IOERR:
         return PaddlectlError(f"the disk failed under the registry {place}: {what}", "nothing was changed")
+    from_manifests = any((Path(place) / "manifests").glob("*.json"))
     return IntegrityError(
         f"{place}/registry.db is damaged or no registry: {what}",
-        "run: paddlectl registry repair",
+        "run: paddlectl registry repair" if from_manifests else "restore it from a copy",
     )
 
 

@@ -90,6 +90,16 @@ def _way_to_policy(connection: Connection, task: str) -> str:
     return f"{near}run: paddlectl policies" if near or is_id(task) else f"run: paddlectl train {shown(task)}"
 
 
+def next_step(run: RunRecord) -> str:
+    """A hint: the command that shows what a run learned, or that lets it go on."""
+    if run.kind == "transfer":
+        return f"run: paddlectl explain {run.id}"
+    if run.policy:
+        return f"run: paddlectl show {run.policy}"
+    stopped = run.status in ("interrupted", "failed") and run.method != "random"
+    return f"run: paddlectl resume {run.id}" if stopped else "run: paddlectl runs"
+
+
 def same_runs(
     connection: Connection, run: Mapping[str, Any], policy: Mapping[str, Any] | None
 ) -> Iterator[dict[str, Any]]:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from sqlalchemy import Connection, select, update
 
@@ -17,13 +17,14 @@ from paddlectl.registry.addresses import is_like_one
 from paddlectl.registry.database import Database, stamp
 from paddlectl.registry.entry import Entry
 from paddlectl.registry.faults import faults
-from paddlectl.registry.names import number_of
+from paddlectl.registry.names import ELSEWHERE, number_of
 from paddlectl.registry.postgres import PostgresDatabase
-from paddlectl.registry.queries import best_policy, count, find_policy, find_run
+from paddlectl.registry.queries import best_policy, count, find_policy, find_run, next_step
 from paddlectl.registry.records import RUN_STATES, Label, PolicyRecord, RunRecord
 from paddlectl.registry.schema import REVISIONS, policies, policy_records, run_records, runs, select_runs
 from paddlectl.registry.sqlite import SqliteDatabase
 
+Which = Literal["policies", "transfers", "ended", "stopped"]
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _PLACES = "give a folder, or postgresql://…?files=FOLDER"
 
@@ -169,7 +170,7 @@ class Registry(Entry):
         with self._transaction(self._writing) as connection:
             found = find_run(connection, run)
             if found.status == "finished":
-                raise UsageError(f"{run} is finished", f"run: paddlectl explain {run}")
+                raise UsageError(f"{run} is finished", next_step(found))
             again = {"status": "running", "finished": None, "resumes": found.resumes + 1}
             connection.execute(update(runs).where(runs.c.id == number_of(run, "run")).values(again))
             self._publish(connection, run)
@@ -301,16 +302,23 @@ class Registry(Entry):
         with self._transaction(self._reading) as connection:
             return [str(task) for task in connection.scalars(tasks)]
 
-    def labels(self, kind: str, *, unfinished: bool = False) -> list[Label]:
-        """Of all runs or policies, newest first; `unfinished` leaves out runs that are finished."""
-        c = layout.ROW_TABLES[kind].c
+    def labels(self, which: Which) -> list[Label]:
+        """Of policies, of transfers, of runs that have ended, or of such as can be resumed; newest first."""
+        c, kind = (policies.c, "policy") if which == "policies" else (runs.c, "run")
         rows = select(c.id, c.method, c.task).order_by(c.id.desc())
-        if unfinished:
-            rows = rows.where(c.status != "finished")
+        match which:
+            case "transfers":
+                rows = rows.where(c.kind == "transfer")
+            case "ended":
+                rows = rows.where(c.status != "running")
+            case "stopped":
+                own = ~c.sources.contains(ELSEWHERE)
+                rows = rows.where(c.status != "finished", c.method != "random", own)
         with self._transaction(self._reading) as connection:
-            return [
+            found = [
                 Label(f"{kind}-{number}", method, task) for number, method, task in connection.execute(rows)
             ]
+        return [label for label in found if which != "stopped" or not self.goes_on(label.id)]
 
     def read_checkpoint(self, policy: PolicyRecord) -> bytes:
         """The policy's safetensors bytes, verified.

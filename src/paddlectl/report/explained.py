@@ -13,7 +13,7 @@ from paddlectl.report.grid import Grid, Head, Heading, Prose, Row
 from paddlectl.report.mapping import Labels, labels_of, legend, mapping_table, scene_text
 from paddlectl.report.output import clean
 from paddlectl.report.programs import minimised_grid
-from paddlectl.report.tables import figure, percent
+from paddlectl.report.tables import figure, percent, tenths
 
 RARE = 0.002  # share of all decisions below which a scene is only counted
 SELDOM = 0.01  # share of a leader's decisions below which a rule is left out
@@ -37,6 +37,16 @@ WHY_OFTEN = {
     "novel": "as novel-subgoal exploration",
 }
 
+# What a run's results are called here, and how they are written.
+FIGURES = (
+    ("jump-start", "jump_start", figure),
+    ("final score", "final_score", figure),
+    ("success", "success_rate", percent),
+    ("area under the curve", "area_under_curve", figure),
+    ("length", "mean_length", tenths),
+    ("crisp", "crispness", figure),
+)
+
 Document = Mapping[str, Any]
 
 
@@ -49,23 +59,20 @@ def explanation_parts(document: Document, run: RunRecord) -> list[RenderableType
         *_legend(document),
         *_program(document["program"], run),
         *_psi(document["mapping"], scenes, labels),
-        *_guidance(document, scenes, labels),
+        *(_guidance(document, scenes, labels) if scenes else ()),
+        *(_alone(run) if not scenes and not document["trace"] else ()),
         *_episodes(document, labels),
     ]
 
 
 def _header(run: RunRecord, labels: Labels) -> list[RenderableType]:
     results = run.results
-    told = [
-        f"jump-start {figure(results['jump_start'])}" if "jump_start" in results else "",
-        f"final score {figure(results['final_score'])}" if "final_score" in results else "",
-        f"success {percent(results['success_rate'])}" if "success_rate" in results else "",
-    ]
+    told = [f"{name} {written(results[field])}" for name, field, written in FIGURES if field in results]
     sources = ", ".join(f"{labels(source)} ({clean(source)})" for source in run.sources) or "no sources"
     return [
         clean(f"{run.id}: {run.method} on {run.task}, seed {run.seed}, {run.frames:,} frames, {run.status}"),
         f"sources: {sources}",
-        ", ".join(text for text in told if text),
+        ", ".join(told),
     ]
 
 
@@ -79,7 +86,8 @@ def _legend(document: Document) -> list[RenderableType]:
 def _program(program: Document | None, run: RunRecord) -> list[RenderableType]:
     heading = Heading("Learned program")
     if program is None:
-        return [heading, f"No policy was stored: the run is {clean(run.status)}."]
+        told = f"No policy was stored: the run is {clean(run.status)}."
+        return [heading, told, f"run: paddlectl {'runs' if run.status == 'running' else f'resume {run.id}'}"]
     return [
         heading,
         _program_table(program["clauses"]),
@@ -240,9 +248,17 @@ def _best_heads(clauses: Iterable[Document]) -> dict[tuple[str, ...], str]:
     return {tuple(clause["body"]): clause["head"] for clause in rising}
 
 
+def _alone(run: RunRecord) -> list[RenderableType]:
+    """Why nothing is told of guides, and what tells how it plays."""
+    if run.method == "hdm":
+        told = "hdm learns from scratch: there were no guides to choose from, and no episode was kept."
+    else:
+        told = "No decision was recorded: the run ended before there was one."
+    way = f"How it does on unseen layouts: paddlectl evaluate {run.policy}"
+    return [Heading("Guidance"), told, *([way] if run.policy else [])]
+
+
 def _guidance(document: Document, scenes: Sequence[SceneMet], labels: Labels) -> list[RenderableType]:
-    if not scenes:
-        return [Heading("Guidance"), "No decision was recorded."]
     subgoals = Subgoals(document)
     everything = sum(scene.total for scene in scenes)
     shown = [scene for scene in scenes if scene.total >= RARE * everything]

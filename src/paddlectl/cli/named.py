@@ -1,0 +1,38 @@
+"""Policies by the names that a user types, and what can be done where there is none."""
+
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+from paddlectl.errors import NotFoundError
+
+if TYPE_CHECKING:
+    from paddlectl.registry.records import PolicyRecord
+    from paddlectl.registry.store import Registry
+
+
+def policy_named(registry: "Registry", name: str) -> "PolicyRecord":
+    """The policy of an id, or the best one of a task.
+
+    Raises:
+        NotFoundError: If there is none; what it says to train is a task.
+    """
+    from paddlectl.registry.names import is_id
+    from paddlectl.tasks.suite import names
+
+    try:
+        return registry.policy(name)
+    except NotFoundError as error:
+        solved = {policy.task for policy in registry.policies()}
+        if is_id(name) or name in names():
+            raise
+        raise NotFoundError(error.message, _way_to(name, names(), solved)) from None
+
+
+def _way_to(name: str, tasks: tuple[str, ...], solved: set[str]) -> str:
+    lowered = {task.lower(): task for task in (*tasks, *solved)}
+    near = get_close_matches(name[:80].lower(), lowered, n=1)
+    if not near:
+        return "run: paddlectl tasks"
+    task = lowered[near[0]]
+    way = "run: paddlectl policies" if task in solved else f"run: paddlectl train {task}"
+    return f"did you mean {task}? or {way}"
