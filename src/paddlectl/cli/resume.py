@@ -70,8 +70,7 @@ def stopped_runs(registry: "Registry", names: "Sequence[str]", every: bool) -> "
         raise UsageError("which run?", "name it, as in: paddlectl resume run-7, or say --all")
     if names:
         return [registry.run(name) for name in dict.fromkeys(names)]
-    stopped = [run for run in registry.unfinished_runs() if run.method != "random"]
-    return [run for run in stopped if not registry.goes_on(run.id)]
+    return [run for run in registry.stopped_runs() if run.method != "random"]
 
 
 def warn_of_versions(run: "RunRecord") -> None:
