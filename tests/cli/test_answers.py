@@ -4,10 +4,10 @@ import subprocess
 from collections.abc import Callable
 
 import pytest
-from sqlalchemy import update
+from sqlalchemy import insert, select, update
 
 from paddlectl.experiments.jobs import TransferJob
-from paddlectl.registry.schema import runs
+from paddlectl.registry.schema import policies, runs
 from paddlectl.registry.store import Registry
 from samples import GAP_BALL, ROOT, TARGET, Command, add_source, add_transfer, body, program
 
@@ -88,21 +88,44 @@ def test_tasks(command: Command) -> None:
 
 
 def test_policies_and_runs(registry: Registry, command: Command) -> None:
-    policies = command("policies", "--json").json["policies"]
-    assert [(row["policy"], row["task"]) for row in policies] == [
+    solved = command("policies", "--json").json["policies"]
+    assert [(row["policy"], row["task"]) for row in solved] == [
         ("policy-3", TARGET),
         ("policy-2", "GapBall"),
         ("policy-1", "BlockedDoor"),
     ]
-    assert policies[0]["success_rate"] == 0.97
-    runs = command("runs", "--json").json["runs"]
-    assert [(row["run"], row["kind"], row["status"]) for row in runs] == [
+    assert solved[0]["success_rate"] == 0.97
+    begun = command("runs", "--json").json["runs"]
+    assert [(row["run"], row["kind"], row["status"]) for row in begun] == [
         ("run-3", "transfer", "finished"),
         ("run-2", "train", "finished"),
         ("run-1", "train", "finished"),
     ]
-    assert runs[0]["sources"] == ["policy-1", "policy-2"]
-    assert runs[0]["policy"] == "policy-3"
+    assert begun[0]["sources"] == ["policy-1", "policy-2"]
+    assert begun[0]["policy"] == "policy-3"
+
+
+@pytest.mark.parametrize("name", ["runs", "policies"])
+def test_lists_show_the_newest_and_say_how_many_more_there_are(
+    registry: Registry, command: Command, name: str
+) -> None:
+    with registry.mending() as connection:
+        for table in (runs, policies):
+            row = connection.execute(select(table).where(table.c.id == 1)).mappings().one()
+            connection.execute(insert(table), [{**row, "id": number} for number in range(4, 1104)])
+    kind = name[:-1] if name == "runs" else "policy"
+    found = command(name, "--json").json
+    assert (list(found), found["total"], len(found[name])) == ([name, "total"], 1103, 50)
+    assert [row[kind] for row in found[name][:2]] == [f"{kind}-1103", f"{kind}-1102"]
+    text = command(name).out.splitlines()
+    assert text[-1] == "1,053 more; --all lists them"
+    assert (sum(f"{kind}-" in line for line in text)) == 50
+    assert len(command(name, "--limit", "7", "--json").json[name]) == 7
+    found = command(name, "--all", "--json").json
+    assert (found["total"], len(found[name])) == (1103, 1103)
+    text = command(name, "--all").out
+    assert "more" not in text and sum(f"{kind}-" in line for line in text.splitlines()) == 1103
+    assert command(name, "--limit", "1103").out == text
 
 
 def test_show(registry: Registry, command: Command) -> None:

@@ -58,7 +58,11 @@ def test_help_of_a_command_loads_nothing_heavy_and_ends_with_an_example(name: st
 
 
 @pytest.mark.parametrize(
-    "line", ["runs", "policies", "show GapBall", f"similarity --target {TARGET}", "explain", "tasks --json"]
+    "line",
+    [
+        *("runs", "policies", "show GapBall", f"similarity --target {TARGET}", "explain", "tasks --json"),
+        "resume --all",
+    ],
 )
 def test_reading_loads_no_torch(registry: Registry, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PADDLECTL_REGISTRY", registry.location)

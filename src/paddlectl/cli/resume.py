@@ -91,8 +91,7 @@ def resumable(
 
 def stopped_runs(registry: "Registry") -> "list[RunRecord]":
     """All runs that were stopped and that nobody goes on with, the oldest first."""
-    stopped = [run for run in registry.unfinished_runs() if run.method != "random"]
-    return [run for run in stopped if not registry.goes_on(run.id)]
+    return [run for run in registry.stopped_runs() if run.method != "random"]
 
 
 def warn_of_versions(run: "RunRecord") -> None:

@@ -18,6 +18,7 @@ from paddlectl.registry.card import card
 from paddlectl.registry.names import ELSEWHERE, is_id
 from paddlectl.registry.objects import write_atomically
 from paddlectl.registry.records import PolicyRecord, RunRecord
+from paddlectl.registry.runfiles import bytes_of, while_it_stays
 from paddlectl.registry.store import Registry
 
 FORMAT = "paddlectl bundle 1"
@@ -37,18 +38,9 @@ def export(registry: Registry, name: str, path: Path) -> dict[str, Any]:
     """
     if path.exists():
         raise UsageError(f"{path} is there already", "give a new file")
-    if is_id(name) and name.startswith("run-"):
-        run = registry.run(name)
-        policy, tables = registry.policy(run.policy) if run.policy else None, _tables(registry, run)
-    else:
-        policy, tables = registry.policy(name), {}
-        run = registry.run(policy.run)
-    if run.status == "running":
-        raise UsageError(f"{run.id} goes on", "export it when it has ended")
+    run, policy, tables = _whole(registry, name)
     members = _members(run, policy, registry.read_checkpoint(policy) if policy else b"", tables)
-    _sound(
-        members, f"{name} can't be exported", "run: paddlectl registry check"
-    )  # else import would refuse it
+    _sound(members, f"{name} can't be exported", "run: paddlectl registry check")  # as import would say
     data = archive.pack(members)
     if len(data) > archive.LARGEST:
         raise PaddlectlError(f"{name} is too large for a bundle: {len(data):,} bytes")
@@ -56,13 +48,37 @@ def export(registry: Registry, name: str, path: Path) -> dict[str, Any]:
     return {"exported": name, "file": str(path), "bytes": len(data)}
 
 
+def _whole(registry: Registry, name: str) -> tuple[RunRecord, PolicyRecord | None, dict[str, bytes]]:
+    """A run, its policy, and the run's tables if it is the run that is named; all of one moment."""
+    while True:
+        if is_id(name) and name.startswith("run-"):
+            run = registry.run(name)
+            policy = registry.policy(run.policy) if run.policy else None
+        else:
+            policy = registry.policy(name)
+            run = registry.run(policy.run)
+        if run.status == "running":
+            raise _goes_on(run)
+        tables = _tables(registry, run) if run.id == name else {}
+        if registry.run(run.id) == run:  # else it was resumed meanwhile
+            return run, policy, tables
+
+
 def _tables(registry: Registry, run: RunRecord) -> dict[str, bytes]:
-    seals = manifests.read(registry.folder, run.id).files or {}
-    paths = layout.run_files(registry.folder, run.id)
-    found = {path.name: path.read_bytes() for path in paths}
-    for path in paths:
-        manifests.verify(registry.folder, path, found[path.name], seals)
-    return found
+    def read(seals: Mapping[str, manifests.Seal] | None) -> dict[str, bytes]:
+        if seals is None:
+            raise _goes_on(run)
+        paths = {*layout.run_files(registry.folder, run.id), *(registry.folder / file for file in seals)}
+        found = {path: bytes_of(path) for path in paths}
+        for path, data in found.items():
+            manifests.verify(registry.folder, path, data, seals)
+        return {path.name: data for path, data in found.items() if data is not None}
+
+    return while_it_stays(registry.folder, run.id, read)
+
+
+def _goes_on(run: RunRecord) -> UsageError:
+    return UsageError(f"{run.id} goes on", "export it when it has ended")
 
 
 def _members(

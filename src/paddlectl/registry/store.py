@@ -195,8 +195,13 @@ class Registry(Entry):
             newest_first = select_runs().order_by(runs.c.id.desc()).limit(most)
             return run_records(connection.execute(newest_first)), count(connection, runs)
 
-    def unfinished_runs(self) -> list[RunRecord]:
-        """Runs that go on or were stopped, oldest first; not those that failed."""
+    def stopped_runs(self) -> list[RunRecord]:
+        """Runs that were stopped and that no process goes on with, oldest first; not those that failed."""
+        free = {run.id for run in self._unfinished_runs() if not self.goes_on(run.id)}
+        # Another process may have finished one before it was looked at, or resumed one since.
+        return [run for run in self._unfinished_runs() if run.id in free and not self.goes_on(run.id)]
+
+    def _unfinished_runs(self) -> list[RunRecord]:
         with self._transaction(self._reading) as connection:
             left = select_runs().where(runs.c.status.in_(("running", "interrupted")))
             return run_records(connection.execute(left.order_by(runs.c.id)))
