@@ -1,14 +1,16 @@
 """A registry filled through its own interface with two small sources and one transfer, all worked by hand."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import safetensors.numpy
+from sqlalchemy import update
 
 from paddlectl.cli.similarity import similarity_document
+from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 
@@ -117,6 +119,13 @@ def add_transfer(registry: Registry, scenario: str = "A") -> None:
         seconds=20.0,
         results={"jump_start": 0.7, "final_score": 0.88, "success_rate": 0.97, "area_under_curve": 0.8},
     )
+
+
+def reuse(registry: Registry, run: str, sources: Sequence[str]) -> None:
+    """Makes a run one that reuses these policies, also such as only an import can name."""
+    with registry.mending() as connection:
+        row = update(runs).where(runs.c.id == int(run.partition("-")[2]))
+        connection.execute(row.values(sources=json.dumps(list(sources))))
 
 
 def reseal(registry: Registry, name: str) -> None:

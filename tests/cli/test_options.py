@@ -129,8 +129,8 @@ def test_a_budget_below_a_round_is_told_before_it_starts(tmp_path: Path) -> None
         ),
         (
             ["--registry=postgresql://me:s3cret@h/d"],
-            "run: paddlectl registry check --registry 'postgresql://me:…@h/d',"
-            " then paddlectl registry repair --registry 'postgresql://me:…@h/d'",
+            "run: paddlectl registry check --registry 'postgresql://…@h/d',"
+            " then paddlectl registry repair --registry 'postgresql://…@h/d'",
         ),
     ],
 )

@@ -1,7 +1,6 @@
 """What `train`, `transfer` and `resume` tell of many runs, and of what fails, is lost or can't be written."""
 
 import io
-import json
 import os
 import subprocess
 import sys
@@ -11,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import update
 
 from paddlectl.cli import running
 from paddlectl.cli.quiet import Courtesy
@@ -19,10 +17,9 @@ from paddlectl.errors import NotFoundError, PaddlectlError
 from paddlectl.experiments.jobs import Begun, Event, Failure, Job, Note, Progress, ResumeJob
 from paddlectl.registry.names import ELSEWHERE
 from paddlectl.registry.records import RunRecord
-from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
 from paddlectl.report import progress
-from samples import ROOT, Command
+from samples import ROOT, Command, reuse
 
 ROW = {
     "run": "run-9", "policy": "policy-9", "task": "BoxDoor", "seed": 0, "frames": 1, "episodes": 1,
@@ -113,8 +110,7 @@ def test_resume_all_goes_past_what_can_not_go_on(
     registry: Registry, command: Command, jobs_done: Callable[..., list[Job]]
 ) -> None:
     imported = add_run(registry, "interrupted")
-    with registry.mending() as connection:
-        connection.execute(update(runs).values(sources=json.dumps([f"{ELSEWHERE}policy-1"])))
+    reuse(registry, imported.id, [f"{ELSEWHERE}policy-1"])
     stopped = add_run(registry, "interrupted")
     asked = jobs_done({**ROW, "run": stopped.id})
     answer = command("resume", "--all", "--json")

@@ -147,9 +147,10 @@ def test_completion_offers_what_the_command_takes(registry: Registry) -> None:
         ("hdm", (), "running"),
     ):
         run = registry.add_run(
-            kind="train", method=method, task="GapBall", scenario=None, sources=sources, seed=0, settings={},
+            kind="train", method=method, task="GapBall", scenario=None, sources=(), seed=0, settings={},
             versions={},
         )  # fmt: skip
+        reuse(registry, run.id, sources)
         if status != "running":
             registry.finish_run(run.id, status=status, frames=1, episodes=0, seconds=1.0, results={})
     with registry.hold("run-9"):

@@ -84,8 +84,10 @@ def resumable(
             refused[name] = Failure(name, error)
             continue
         warn_of_versions(run)
-        label, left = f"{run.id} {run.method} {run.task}", run.settings["frames"] - run.frames
-        asked.append(Asked(ResumeJob(run.id), label, run.kind, run.method, run.task, max(left, 0)))
+        frames = run.settings.get("frames")  # its process tells what is wrong with settings
+        left = max(frames - run.frames, 0) if isinstance(frames, int) else 0
+        label = f"{run.id} {run.method} {run.task}"
+        asked.append(Asked(ResumeJob(run.id), label, run.kind, run.method, run.task, left))
     return asked, refused
 
 
