@@ -13,7 +13,7 @@ import pytest
 from paddlectl.cli.app import COMMANDS
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments import processes, sources
-from paddlectl.experiments.jobs import Progress, ResumeJob, TrainJob, TransferJob
+from paddlectl.experiments.jobs import Begun, ResumeJob, TrainJob, TransferJob
 from paddlectl.experiments.transfers import _source
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
@@ -115,6 +115,11 @@ def damaged_program(registry: Registry) -> None:
     add_source(registry, "DoorBall", "0.9 :: gt_key( :-")
 
 
+def lost_row(registry: Registry) -> None:
+    digest = registry.policy("policy-3").checkpoint
+    (registry.folder / "objects" / f"{digest}.safetensors").unlink()
+
+
 def lost_object(registry: Registry) -> None:
     for path in (registry.folder / "objects").iterdir():
         path.unlink()
@@ -126,6 +131,7 @@ def no_manifest(registry: Registry) -> None:
 
 PROVOKED: list[tuple[Callable[[Registry], object], str]] = [
     (nothing, "trian"),
+    (lost_row, "registry repair"),
     (nothing, "train"),
     (nothing, "runs --jsn"),
     (nothing, "registry exprt"),
@@ -213,9 +219,9 @@ def stop_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """The next command that learns is stopped by ^C once run-4 has begun."""
     usual = processes.run_jobs
 
-    def run_jobs(_: object, __: object, report: Callable[..., None], **___: object) -> None:
+    def run_jobs(_: object, __: object, tell: Callable[..., None], *___: object) -> None:
         monkeypatch.setattr(processes, "run_jobs", usual)
-        report(0, Progress("run-4", 1, 2, 0, None, None, ""))
+        tell(0, Begun("run-4"))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(processes, "run_jobs", run_jobs)

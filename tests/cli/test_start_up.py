@@ -13,7 +13,7 @@ import pytest
 
 from paddlectl.cli.app import COMMANDS
 from paddlectl.registry.store import Registry
-from samples import ROOT, TARGET, add_source
+from samples import ROOT, TARGET, add_source, reuse
 
 HEAVY = {"torch", "gymnasium", "minigrid", "mujoco", "pandas", "matplotlib", "alembic", "pydantic"}
 LOADED = """
