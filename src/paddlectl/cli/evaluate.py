@@ -42,7 +42,7 @@ def evaluate(
     opened = Registry.open(registry, create=False)
     record = policy_named(opened, policy)
     with stdout_kept():
-        from paddlectl.experiments.sources import evaluate as play
+        from paddlectl.experiments.policies import evaluate as play
 
         row = play(opened, record, name or record.task, episodes, seed)
     if as_json:

@@ -11,7 +11,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from paddlectl.hybrid.rollout import Episode
+from paddlectl.agents.base import Episode
 
 WINDOW = 100
 """Episodes that a figure is over."""
@@ -58,11 +58,10 @@ class InOrder(Generic[E]):
 
 
 class Known(NamedTuple):
-    """An episode by its place in the order of starting, its score, and the scenes that it came through."""
+    """An episode by its place in the order of starting, and its score."""
 
     order: int
     score: float
-    scenes: tuple[int, ...]
 
 
 class Curve:
@@ -82,13 +81,11 @@ class Curve:
         """Episodes in the order in which they started, up to the first that hasn't ended."""
         return self._order.known
 
-    def add(self, episodes: Sequence[Episode]) -> list[Known]:
-        """Takes in episodes that ended, and gives those that are known by it."""
+    def add(self, episodes: Sequence[Episode]) -> None:
+        """Takes in episodes that ended."""
         self.ended += len(episodes)
-        scenes = (tuple(np.unique(episode.decisions.scenes).tolist()) for episode in episodes)
-        known = self._order.add(Known(e.order, e.score, s) for e, s in zip(episodes, scenes, strict=True))
+        known = self._order.add(Known(episode.order, episode.score) for episode in episodes)
         self._scores = np.append(self._scores, [episode.score for episode in known])[-WINDOW:]
-        return known
 
     def rates(self) -> dict[str, float | None]:
         """Success and mean score of the latest 100 that are known; None before the first."""

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from paddlectl.scenario import Scenario
-from paddlectl.transfer.guidance import GuidanceSettings
 
 
 @dataclass(frozen=True)
@@ -14,15 +13,17 @@ class TrainJob:
 
     Attributes:
         frames: None is the usual budget.
-        hybrid: What shall differ from the settings that fit the task, as `{"credit": {"planned": False}}`.
+        changes: What shall differ from the method's usual settings, as `{"credit": {"planned": False}}`.
         preset: One of the task's, instead of what fits it best.
+        method: By which.
     """
 
     task: str
     seed: int
     frames: int | None = None
-    hybrid: Mapping[str, Any] = field(default_factory=dict)
+    changes: Mapping[str, Any] = field(default_factory=dict)
     preset: str | None = None
+    method: str = "hdm"
 
 
 @dataclass(frozen=True)
@@ -30,9 +31,8 @@ class TransferJob:
     """Run a scenario once; `sources` are policy ids.
 
     Attributes:
-        rules: Of `guidance: default`; None are those that fit the task. Nothing to `paper`, whose settings
-            are the scenario's.
-        hybrid: As for a `TrainJob`.
+        rules: By which sources are reused; None are those that fit the task.
+        changes: As for a `TrainJob`.
     """
 
     scenario: Scenario
@@ -40,8 +40,8 @@ class TransferJob:
     method: str
     seed: int
     frames: int
-    rules: GuidanceSettings | None = None
-    hybrid: Mapping[str, Any] = field(default_factory=dict)
+    rules: Any = None
+    changes: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from importlib.metadata import distributions, version
 from typing import Any, NamedTuple
 
 from paddlectl.errors import IntegrityError
-from paddlectl.experiments.curves import Curve, Known
+from paddlectl.experiments.curves import Curve
 from paddlectl.experiments.jobs import Progress
-from paddlectl.hybrid.rollout import Episode
-from paddlectl.hybrid.training import Round
+from paddlectl.agents.base import Episode
+from paddlectl.agents.interaction import Round
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 
@@ -42,14 +42,14 @@ class RunLog:
         self._registry = registry
         self._began = time.monotonic()
 
-    def add(self, round_: Round) -> list[Known]:
-        """Takes in a round, and gives the episodes that are known by it."""
+    def add(self, round_: Round) -> None:
+        """Takes in a round."""
         self.frames = round_.frames
-        return self.curve.add(round_.episodes)
+        self.curve.add(round_.episodes)
 
-    def write(self, round_: Round, **figures: float) -> None:
-        """Appends the round that was just taken in, with further figures, to the run's tables."""
-        row = {**self.counts(), **self.curve.rates(), **figures}
+    def write(self, round_: Round) -> None:
+        """Appends the round that was just taken in to the run's tables."""
+        row = {**self.counts(), **self.curve.rates(), **round_.figures}
         self._registry.append_rows(self.run, "episodes", map(_episode_row, round_.episodes))
         self._registry.append_rows(self.run, "progress", [row])
 
@@ -119,5 +119,4 @@ def _episode_row(episode: Episode) -> dict[str, Any]:
         "score": episode.score,
         "length": episode.length,
         "success": episode.score > 0,
-        "decisions": len(episode.decisions.scenes),
     }

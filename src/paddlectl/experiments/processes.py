@@ -223,8 +223,7 @@ def _done(job: Job, registry: str, line: _Line, stop: Stop, every: float | None)
 
     from paddlectl.experiments.pace import EVERY, Pace
     from paddlectl.experiments.resuming import resume
-    from paddlectl.experiments.sources import train_source
-    from paddlectl.experiments.transfers import run_transfer
+    from paddlectl.experiments.runner import run_transfer, train_source
     from paddlectl.registry.store import Registry
 
     torch.set_num_threads(1)

@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from paddlectl.hybrid.plan import Plan, Table
-from paddlectl.hybrid.rollout import LEVELS, Episode, Outcome
+from paddlectl.hybrid.rollout import LEVELS, Outcome
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseLearner
-from paddlectl.tasks.base import Ints
+from paddlectl.tasks.base import Bools, Floats, Ints
 
 
 class Credit(Protocol):
@@ -19,8 +19,8 @@ class Credit(Protocol):
     def decided(self, outcome: Outcome) -> None:
         """Told of the decisions that ended in a step."""
 
-    def update(self, episodes: Sequence[Episode]) -> None:
-        """Updates the weights once a block, given the episodes that ended in it."""
+    def update(self) -> None:
+        """Updates the weights, once a block."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class PlannedCredit:
                 self._guided[situation, head] += guided
                 self._plan.record(situation, head, reward, None if terminated else following, discount)
 
-    def update(self, episodes: Sequence[Episode]) -> None:
+    def update(self) -> None:
         """Evaluates the present program in the plan, then follows its advantages."""
         if not self._visits.any():
             return
@@ -116,6 +116,15 @@ class PlannedCredit:
         return by_scene
 
 
+class Decisions(NamedTuple):
+    """The high-level samples (B, H, R_extr) of one episode, in order. Each field is [N]."""
+
+    scenes: Ints
+    heads: Ints
+    returns: Floats
+    imitate: Bools
+
+
 class MonteCarloCredit:
     """Eq. 1 as the paper has it: discounted returns of finished episodes, a few episodes at a time.
 
@@ -126,21 +135,39 @@ class MonteCarloCredit:
         self._clauses = clauses
         self._head_of = head_of
         self._batch = settings.batch
+        self._going_on: dict[int, list[tuple[int, int, float, bool]]] = {}
+        self._ended: list[Decisions] = []
 
     def decided(self, outcome: Outcome) -> None:
-        """Waits for the end of the episode."""
+        """Keeps the decisions until their episodes end."""
+        imitate = (outcome.guides != TARGET) & outcome.reached
+        columns = (outcome.lanes, outcome.situations // LEVELS, outcome.heads, outcome.rewards, imitate, outcome.done)
+        for lane, scene, head, reward, imitated, done in zip(*(c.tolist() for c in columns), strict=True):
+            self._going_on.setdefault(lane, []).append((scene, head, reward, imitated))
+            if done:
+                scenes, heads, rewards, imitations = zip(*self._going_on.pop(lane), strict=True)
+                returns = discounted_returns(rewards, self._clauses.settings.discount)
+                made = Decisions(np.array(scenes), np.array(heads), returns, np.array(imitations))
+                self._ended.append(made)
 
-    def update(self, episodes: Sequence[Episode]) -> None:
+    def update(self) -> None:
         """Scores the decisions under the learner's own weights."""
-        for start in range(0, len(episodes), self._batch):
-            batch = episodes[start : start + self._batch]
-            returns = np.concatenate([e.returns(self._clauses.settings.discount) for e in batch])
-            scenes, heads, guides, _, _, reached = (
-                np.concatenate(columns) for columns in zip(*(e.decisions for e in batch), strict=True)
-            )
+        for start in range(0, len(self._ended), self._batch):
+            columns = zip(*self._ended[start : start + self._batch], strict=True)
+            scenes, heads, returns, imitate = (np.concatenate(column) for column in columns)
             known = self._head_of[heads] >= 0
-            imitate = (guides != TARGET) & reached
             self._clauses.update(scenes[known], self._head_of[heads[known]], returns[known], imitate[known])
+        self._ended = []
+
+
+def discounted_returns(rewards: Sequence[float], discount: float) -> Floats:
+    """Return from each decision to the episode's end, discounted per decision. [N]"""
+    returns = np.zeros(len(rewards), np.float32)
+    running = 0.0
+    for k in reversed(range(len(rewards))):
+        running = rewards[k] + discount * running
+        returns[k] = running
+    return returns
 
 
 def credit(clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> Credit:

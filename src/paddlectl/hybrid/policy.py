@@ -1,22 +1,30 @@
 """The hybrid decision model: a logic program picks a subgoal, a learner reaches it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
 
+from paddlectl.agents.settings import changed, restored
 from paddlectl.hybrid.credit import Credit, CreditSettings, credit
-from paddlectl.hybrid.rollout import LEVELS, DecisionSettings
+from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Rollout
 from paddlectl.learners.base import Learner, LearnerSettings
-from paddlectl.learners.buffers import TARGET
+from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.learners.clauses import ClauseLearner, ClauseSettings
 from paddlectl.learners.ppo import PPOSettings
 from paddlectl.learners.td3 import TD3Settings
 from paddlectl.logic.clauses import Clause, Program
 from paddlectl.logic.templates import scenes
-from paddlectl.tasks.base import FRAMES, Floats, Ints, Task
+from paddlectl.tasks.base import FRAMES, Bools, Floats, Ints, Task
+
+
+ON_PATH = 0.05
+"""A scene is on a policy's path if at least this share of its episodes come through it."""
+
+EXECUTED = 0.1
+"""Execution probability from which a clause belongs to the synthesised program (method, section 4)."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +58,7 @@ def settings_for(task: Task, *changes: Mapping[str, Any]) -> HybridSettings:
     """The usual settings with those of the task and then with `changes`, `{"credit": {"planned": False}}`."""
     settings = _usual(task)
     for wanted in (task.settings, *changes):
-        settings = _changed(settings, wanted)
+        settings = changed(settings, wanted)
     return settings
 
 
@@ -63,41 +71,12 @@ def settings_from(task: Task, stored: Any, missing: HybridSettings | None = None
     Raises:
         ValueError: If there is a name that this version doesn't know, or a value of another kind.
     """
-    settings: HybridSettings = _restored(missing or _usual(task), stored, "settings")
+    settings: HybridSettings = restored(missing or _usual(task), stored, "settings")
     return settings
 
 
 def _usual(task: Task) -> HybridSettings:
     return HybridSettings(low_level=LOW_LEVELS[task.learner]())
-
-
-def _restored(usual: Any, stored: Any, name: str) -> Any:
-    """What was stored in place of `usual`."""
-    if is_dataclass(usual) and not isinstance(usual, type):
-        if not isinstance(stored, Mapping) or not stored.keys() <= {each.name for each in fields(usual)}:
-            raise ValueError(f"{name} can't be {str(stored)[:60]}")
-        return replace(
-            usual, **{each: _restored(getattr(usual, each), value, each) for each, value in stored.items()}
-        )
-    if isinstance(usual, tuple) and isinstance(stored, list | tuple):
-        return tuple(_restored(0, value, name) for value in stored)
-    if _kind(stored) is not _kind(usual):
-        raise ValueError(f"{name} can't be {str(stored)[:60]}")
-    return stored
-
-
-def _kind(value: Any) -> type:
-    """Its type; whole numbers are numbers like others."""
-    return float if type(value) is int else type(value)
-
-
-def _changed(settings: Any, changes: Mapping[str, Any]) -> Any:
-    """A copy of a settings dataclass with other values, also in the settings within it."""
-    values = {
-        name: _changed(getattr(settings, name), value) if isinstance(value, Mapping) else value
-        for name, value in changes.items()
-    }
-    return replace(settings, **values)
 
 
 class HybridPolicy:
@@ -107,6 +86,8 @@ class HybridPolicy:
         environment = task.make(1, 0)
         vocabulary = task.vocabulary
         self.task = task
+        self.action_repeat = settings.repeat
+        self._sizes = environment.observation_size, environment.actions.shape, environment.actions.dtype
         self.settings = settings
         self.clauses = ClauseLearner(
             vocabulary.atoms,
@@ -131,9 +112,53 @@ class HybridPolicy:
         ]
         return Program(tuple(clause for clause, _ in kept), tuple(p for _, p in kept))
 
+    def played_program(self, passed: Ints, episodes: int) -> tuple[Program, float]:
+        """The clauses executed in scenes that were visited, and the crispness on their path.
+
+        Args:
+            passed: How many of the episodes came through each scene. [S]
+            episodes: How many were played.
+        """
+        return self.program(np.flatnonzero(passed), EXECUTED), self.crispness(passed / episodes)
+
+    def crispness(self, shares: Floats) -> float:
+        """Smallest best-clause probability over the scenes that at least ON_PATH of episodes pass; 0 if none."""
+        best = self.clauses.probabilities().max(-1)[shares >= ON_PATH]
+        return float(best.min()) if len(best) else 0.0
+
+    def player(self, task: Task, environments: int, seed: np.random.SeedSequence) -> Rollout:
+        """Plays by the sharpened program and the frozen low level, and learns nothing; all chance is `seed`'s.
+
+        The task may be another than the policy's, of the same domain: its facts are then read in the policy's
+        own vocabulary.
+        """
+        choices, actions = map(np.random.default_rng, seed.spawn(2))
+        return Rollout(
+            environments,
+            _Reading(self.clauses, task),
+            OwnProgram(self, choices, self.settings.sharpness),
+            [self.low_level.frozen()],
+            self.settings.decisions,
+            self.buffer(1, environments),
+            actions,
+        )
+
+    def buffer(self, steps: int, environments: int) -> RolloutBuffer:
+        """For so many steps of the low level."""
+        return RolloutBuffer.empty(steps, environments, *self._sizes)
+
     def credit(self) -> Credit:
         """A new account of decisions for its clause weights to learn from."""
         return credit(self.clauses, task_heads(self.task), self.settings.credit)
+
+    @property
+    def scene_count(self) -> int:
+        """S."""
+        return len(self.clauses.bodies)
+
+    def settings_document(self) -> dict[str, Any]:
+        """Its settings as JSON-able values."""
+        return asdict(self.settings)
 
     def state(self) -> dict[str, torch.Tensor]:
         """All tensors by name."""
@@ -143,6 +168,22 @@ class HybridPolicy:
         """Takes all tensors from `state`."""
         self.clauses.load(state)
         self.low_level.load(state)
+
+
+class _Reading:
+    """The scenes of a policy, read off the valuations of any task of its domain.
+
+    A fact that the task knows nothing of doesn't hold.
+    """
+
+    def __init__(self, clauses: ClauseLearner, task: Task) -> None:
+        known = task.vocabulary.atoms
+        self._clauses = clauses
+        self._columns = [known.index(atom) if atom in known else len(known) for atom in clauses.atoms]
+
+    def scenes(self, valuation: Bools) -> Ints:
+        padded = np.pad(valuation, ((0, 0), (0, 1)))
+        return self._clauses.scenes(padded[:, self._columns])
 
 
 class OwnProgram:

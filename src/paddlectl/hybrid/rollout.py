@@ -1,11 +1,11 @@
-"""B lanes of hybrid decisions: a chooser picks subgoals, actors reach them.
+"""Hybrid decisions in B environments: a chooser picks subgoals, actors reach them.
 
 A decision picks a head for the present scene. It ends when the subgoal is reached, when the scene
 changes in any other way, after `max_steps` steps, or with the episode (method, section 4). A
 subgoal that has nothing to act on, or holds already, is given up after one step.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -44,61 +44,6 @@ class DecisionSettings:
     reached_reward: float = 1.0
     delay_cost: float = 0.5
     failed_reward: float = -0.1
-
-
-class Decisions(NamedTuple):
-    """The high-level samples (B, H, R_extr) of one episode, in order. Each field is [N]."""
-
-    scenes: Ints
-    heads: Ints
-    guides: Ints
-    steps: Ints
-    rewards: Floats
-    reached: Bools
-
-    @classmethod
-    def empty(cls, *shape: int) -> "Decisions":
-        scenes, heads, guides, steps = np.zeros((4, *shape), np.intp)
-        return cls(scenes, heads, guides, steps, np.zeros(shape, np.float32), np.zeros(shape, np.bool_))
-
-    def of_lane(self, lane: int, count: int) -> "Decisions":
-        """A copy of the first `count` decisions of one lane of a [B, N] history."""
-        return Decisions(
-            self.scenes[lane, :count].copy(),
-            self.heads[lane, :count].copy(),
-            self.guides[lane, :count].copy(),
-            self.steps[lane, :count].copy(),
-            self.rewards[lane, :count].copy(),
-            self.reached[lane, :count].copy(),
-        )
-
-
-class Episode(NamedTuple):
-    """A finished episode.
-
-    Attributes:
-        order: Place among all episodes in the order in which they started.
-        started: Frames that had been collected when it started.
-        finished: Frames when it ended.
-        score: Final reward alone, 0 on failure.
-        length: Steps.
-    """
-
-    order: int
-    started: int
-    finished: int
-    score: float
-    length: int
-    decisions: Decisions
-
-    def returns(self, discount: float) -> Floats:
-        """Discounted extrinsic return from each decision on, discounted per decision. [N]"""
-        returns = np.zeros(len(self.decisions.rewards), np.float32)
-        running = 0.0
-        for k in reversed(range(len(returns))):
-            running = float(self.decisions.rewards[k]) + discount * running
-            returns[k] = running
-        return returns
 
 
 class Outcome(NamedTuple):
@@ -156,39 +101,38 @@ class SceneReader(Protocol):
 
 
 class Rollout:
-    """Runs the lanes and keeps each lane's present decision between blocks.
+    """The hybrid decisions of B environments: `agents.base.Player`.
 
     Args:
-        environment: The lanes.
-        horizon: Most steps of an episode, which bounds its decisions.
+        lanes: B.
         reader: Names the scenes.
         chooser: Picks guide and head.
         actors: The low level of each guide; the learning policy's first.
         settings: When a decision ends.
+        buffer: Where the low level's samples go, step after step; then from the start again.
         rng: Of what the actors leave to chance.
         witnesses: Told of every decision that ended.
     """
 
     def __init__(
         self,
-        environment: Environment,
-        horizon: int,
+        lanes: int,
         reader: SceneReader,
         chooser: Chooser,
         actors: Sequence[Actor],
         settings: DecisionSettings,
+        buffer: RolloutBuffer,
         rng: np.random.Generator,
         witnesses: Sequence[Witness] = (),
     ) -> None:
-        lanes = environment.lanes
-        self.environment = environment
-        self.frames = 0
+        self.buffer = buffer
         self._reader = reader
         self._chooser = chooser
         self._actors = actors
         self._settings = settings
         self._rng = rng
         self._witnesses = witnesses
+        self._t = 0
         self._head = np.zeros(lanes, np.intp)
         self._guide = np.zeros(lanes, np.intp)
         self._since = np.zeros(lanes, np.intp)
@@ -197,58 +141,30 @@ class Rollout:
         self._reward = np.zeros(lanes, np.float32)
         self._level = np.zeros(lanes, np.intp)
         self._pending = np.ones(lanes, np.bool_)
-        self._order = np.arange(lanes)
-        self._started = np.zeros(lanes, np.intp)
-        self._count = np.zeros(lanes, np.intp)
-        self._history = Decisions.empty(lanes, horizon)
-        self._scene = reader.scenes(environment.valuation())
+        self._scene = np.zeros(lanes, np.intp)
+        self._restarted = True
+        self._passed: list[set[int]] = [set() for _ in range(lanes)]
+        self._ended: dict[int, tuple[int, ...]] = {}
 
-    def collect(self, buffer: RolloutBuffer) -> list[Episode]:
-        """Fills `buffer` with its T steps of all lanes; gives the episodes that ended, in order of ending."""
-        episodes: list[Episode] = []
-        for t in range(len(buffer.actions)):
-            self._decide()
-            observations = self.environment.observe(self._head)
-            buffer.observations[t] = observations
-            buffer.guides[t] = self._guide
-            self._act(observations, buffer.actions[t], buffer.log_probs[t])
-            episodes.extend(self._step(buffer, t))
-        buffer.last_observations[:] = self.environment.observe(self._head)
-        return episodes
+    def act(self, environment: Environment) -> NDArray[Any]:
+        """Decides where a decision has ended, and acts by the present ones. [B, ...]"""
+        if self._restarted:
+            self._scene = self._reader.scenes(environment.valuation())
+        self._decide(environment)
+        observations = environment.observe(self._head)
+        buffer, t = self.buffer, self._t
+        buffer.observations[t] = observations
+        buffer.guides[t] = self._guide
+        self._act(observations, buffer.actions[t], buffer.log_probs[t])
+        return environment.in_world(self._head, buffer.actions[t])
 
-    def _decide(self) -> None:
-        lanes = np.flatnonzero(self._pending)
-        if not len(lanes):
-            return
-        self._guide[lanes], self._head[lanes] = self._chooser.choose(
-            lanes, self._scene[lanes] * LEVELS + self._level[lanes]
-        )
-        most = self._settings.max_steps
-        patience = np.where(self._guide == TARGET, most, int(self._settings.patience * most))
-        limit = np.where(self.environment.available(self._head), patience, 1)
-        self._limit = np.where(self._pending, limit, self._limit)
-        self._since[lanes] = self.environment.t[lanes]
-        self._reward[lanes] = 0.0
-        self._pending[:] = False
-
-    def _act(self, observations: Floats, actions: NDArray[Any], log_probs: Floats) -> None:
-        for number, actor in enumerate(self._actors):
-            led = self._guide == number
-            if led.all():
-                actions[:], log_probs[:] = actor.act(observations, self._rng)
-            elif led.any():
-                actions[led], log_probs[led] = actor.act(observations[led], self._rng)
-
-    def _step(self, buffer: RolloutBuffer, t: int) -> Iterator[Episode]:
-        settings = self._settings
-        before = self.environment.t.sum()
-        step = self.environment.step(self.environment.in_world(self._head, buffer.actions[t]))
-        self.frames += int(self.environment.t.sum() - before)
-        self._steps = self.environment.t - self._since
+    def observe(self, environment: Environment, step: Step) -> None:
+        """Ends the decisions that are over, and pays the low level for them."""
+        settings, buffer, t = self._settings, self.buffer, self._t
+        self._steps = environment.t - self._since
         self._reward += step.reward / np.float32(settings.reward_unit)
-        done = step.terminated | step.truncated
-        scene = self._reader.scenes(self.environment.valuation())
-        reached = self.environment.reached(self._head) & (self._limit > 1)
+        scene = self._reader.scenes(environment.valuation())
+        reached = environment.reached(self._head) & (self._limit > 1)
         over = step.terminated | reached | (scene != self._scene) | (self._steps >= self._limit)
         cut = step.truncated & ~over
         ends = over | cut
@@ -260,11 +176,44 @@ class Rollout:
         buffer.terminated[t] = step.terminated
         buffer.truncated[t] = step.truncated
         if ends.any():
-            buffer.final_observations[t] = self.environment.observe(self._head)
+            buffer.final_observations[t] = environment.observe(self._head)
         self._record(np.flatnonzero(ends), reached, cut, step, scene)
         self._pending = ends
         self._scene = scene
-        return self._finish(np.flatnonzero(done), done, step.score)
+        self._forget(np.flatnonzero(step.terminated | step.truncated))
+        self._t = (t + 1) % len(buffer.actions)
+
+    def close(self, environment: Environment) -> RolloutBuffer:
+        """The buffer, full, with what the decisions that go on see now."""
+        self.buffer.last_observations[:] = environment.observe(self._head)
+        return self.buffer
+
+    def scenes(self, lane: int) -> tuple[int, ...]:
+        """The scenes that the episode came through which has just ended there."""
+        return self._ended[lane]
+
+    def _decide(self, environment: Environment) -> None:
+        lanes = np.flatnonzero(self._pending)
+        if not len(lanes):
+            return
+        self._guide[lanes], self._head[lanes] = self._chooser.choose(
+            lanes, self._scene[lanes] * LEVELS + self._level[lanes]
+        )
+        most = self._settings.max_steps
+        patience = np.where(self._guide == TARGET, most, int(self._settings.patience * most))
+        limit = np.where(environment.available(self._head), patience, 1)
+        self._limit = np.where(self._pending, limit, self._limit)
+        self._since[lanes] = environment.t[lanes]
+        self._reward[lanes] = 0.0
+        self._pending[:] = False
+
+    def _act(self, observations: Floats, actions: NDArray[Any], log_probs: Floats) -> None:
+        for number, actor in enumerate(self._actors):
+            led = self._guide == number
+            if led.all():
+                actions[:], log_probs[:] = actor.act(observations, self._rng)
+            elif led.any():
+                actions[led], log_probs[led] = actor.act(observations[led], self._rng)
 
     def _record(self, lanes: Ints, reached: Bools, cut: Bools, step: Step, next_scenes: Ints) -> None:
         if not len(lanes):
@@ -285,35 +234,15 @@ class Rollout:
             step.truncated[lanes],
             next_scenes[lanes] * LEVELS + self._level[lanes],
         )
-        place = (lanes, self._count[lanes])
-        self._history.scenes[place] = scenes
-        self._history.heads[place] = outcome.heads
-        self._history.guides[place] = outcome.guides
-        self._history.steps[place] = outcome.steps
-        self._history.rewards[place] = rewards
-        self._history.reached[place] = outcome.reached
-        self._count[lanes] += 1
+        for lane, scene in zip(lanes.tolist(), scenes.tolist(), strict=True):
+            self._passed[lane].add(scene)
         for witness in self._witnesses:
             witness.decided(outcome)
 
-    def _finish(self, lanes: Ints, done: Bools, score: Floats) -> Iterator[Episode]:
-        if not len(lanes):
-            return iter(())
-        episodes = [
-            Episode(
-                int(self._order[lane]),
-                int(self._started[lane]),
-                self.frames,
-                float(score[lane]),
-                int(self.environment.t[lane]),
-                self._history.of_lane(int(lane), int(self._count[lane])),
-            )
-            for lane in lanes
-        ]
-        self.environment.reset(done)
-        self._scene = self._reader.scenes(self.environment.valuation())
-        self._order[lanes] = self._order.max() + 1 + np.arange(len(lanes))
-        self._started[lanes] = self.frames
-        self._count[lanes] = 0
+    def _forget(self, lanes: Ints) -> None:
+        """The lanes' episodes are over."""
+        self._restarted = len(lanes) > 0
+        self._ended = {lane: tuple(sorted(self._passed[lane])) for lane in lanes.tolist()}
         self._level[lanes] = 0
-        return iter(episodes)
+        for lane in self._ended:
+            self._passed[lane] = set()

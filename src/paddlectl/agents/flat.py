@@ -1,0 +1,169 @@
+"""One learner on the task's whole state, without subgoals."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from paddlectl.agents.base import Episode, ReuseRow, Tables
+from paddlectl.learners.base import Actor, Learner, LearnerSettings
+from paddlectl.learners.buffers import RolloutBuffer
+from paddlectl.learners.ppo import PPOSettings
+from paddlectl.tasks.base import FRAMES, Environment, Ints, Step, Task
+
+
+@dataclass(frozen=True)
+class FlatSettings:
+    """The numbers of a flat learner.
+
+    Attributes:
+        frames: The usual budget.
+        lanes: Environments side by side.
+        block: Steps of every environment between two updates.
+        repeat: Steps of the task that one action lasts.
+        reward_unit: Rewards are counted in it.
+        learner: The update rule's own.
+    """
+
+    frames: int = FRAMES
+    lanes: int = 64
+    block: int = 32
+    repeat: int = 1
+    reward_unit: float = 1.0
+    learner: LearnerSettings = field(default_factory=PPOSettings)
+
+
+class FlatPolicy:
+    """What a flat learner knows.
+
+    Attributes:
+        task: The task.
+        settings: Of its method.
+        learner: Its networks, and how they learn.
+        action_repeat: Steps of the task that one action lasts.
+        scene_count: 0: it knows no scenes.
+    """
+
+    scene_count = 0
+
+    def __init__(self, task: Task, seed: int, settings: FlatSettings) -> None:
+        environment = task.make(1, 0)
+        self.task = task
+        self.settings = settings
+        self.action_repeat = settings.repeat
+        self.learner: Learner = settings.learner.learner(
+            environment.flat_size, environment.actions.size, seed
+        )
+
+    def player(self, task: Task, environments: int, seed: np.random.SeedSequence) -> "FlatPlayer":
+        """Plays by what was learned and learns nothing; all chance is `seed`'s."""
+        return FlatPlayer(self.learner.frozen(), np.random.default_rng(seed))
+
+    def played_program(self, passed: Ints, episodes: int) -> tuple[None, None]:
+        """No program, and no crispness."""
+        return None, None
+
+    def settings_document(self) -> dict[str, Any]:
+        """Its settings as JSON-able values."""
+        return asdict(self.settings)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """All tensors by name."""
+        return self.learner.state()
+
+    def load(self, state: dict[str, torch.Tensor]) -> None:
+        """Takes all tensors from `state`."""
+        self.learner.load(state)
+
+
+class FlatPlayer:
+    """Acts by the whole state."""
+
+    def __init__(self, actor: Actor, rng: np.random.Generator) -> None:
+        self._actor = actor
+        self._rng = rng
+
+    def act(self, environment: Environment) -> NDArray[Any]:
+        """[B, ...]"""
+        return self._actor.act(environment.flat_state(), self._rng)[0]
+
+    def observe(self, environment: Environment, step: Step) -> None:
+        """Nothing: it keeps nothing."""
+
+    def scenes(self, lane: int) -> tuple[int, ...]:
+        """None."""
+        return ()
+
+
+class FlatAgent:
+    """Learns from the task's own rewards; the horizon is no end (Pardo et al., 2018).
+
+    Args:
+        policy: Who learns.
+        rng: Of its exploration.
+    """
+
+    def __init__(self, policy: FlatPolicy, rng: np.random.Generator) -> None:
+        settings, environment = policy.settings, policy.task.make(1, 0)
+        self.rollout_steps = settings.block
+        self._policy = policy
+        self._rng = rng
+        self._t = 0
+        actions = environment.actions
+        self._buffer = RolloutBuffer.empty(
+            settings.block, settings.lanes, environment.flat_size, actions.shape, actions.dtype
+        )
+
+    def act(self, environment: Environment) -> NDArray[Any]:
+        """Explores as the learner does. [B, ...]"""
+        buffer, t = self._buffer, self._t
+        buffer.observations[t] = environment.flat_state()
+        buffer.actions[t], buffer.log_probs[t] = self._policy.learner.act(buffer.observations[t], self._rng)
+        return buffer.actions[t]
+
+    def observe(self, environment: Environment, step: Step) -> None:
+        """Keeps what was earned, and what followed."""
+        buffer, t = self._buffer, self._t
+        done = step.terminated | step.truncated
+        buffer.rewards[t] = step.reward / np.float32(self._policy.settings.reward_unit)
+        buffer.ends[t] = done
+        buffer.cut[t] = step.truncated
+        buffer.terminated[t] = step.terminated
+        buffer.truncated[t] = step.truncated
+        if done.any():
+            buffer.final_observations[t] = environment.flat_state()
+        self._t = (t + 1) % self.rollout_steps
+
+    def scenes(self, lane: int) -> tuple[int, ...]:
+        """None."""
+        return ()
+
+    def update(self, environment: Environment, progress: float) -> Mapping[str, float]:
+        """One update of the learner."""
+        self._buffer.last_observations[:] = environment.flat_state()
+        self._policy.learner.anneal(progress)
+        self._policy.learner.update(self._buffer)
+        return {}
+
+    def reuse(self) -> Sequence[ReuseRow]:
+        """Nothing."""
+        return ()
+
+    def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
+        """Nothing beside the usual tables."""
+        return {}
+
+    def close(self) -> Tables:
+        """Nothing beside the usual tables."""
+        return {}
+
+    def documents(self) -> Mapping[str, Any]:
+        """None."""
+        return {}
+
+    def policy(self) -> FlatPolicy:
+        """What it has learned."""
+        return self._policy

@@ -1,0 +1,38 @@
+"""Settings of a method: frozen dataclasses in each other, changed by name and brought back from JSON."""
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+
+def restored(usual: Any, stored: Any, name: str) -> Any:
+    """The values that were stored in the place of the usual ones; a name that isn't stored keeps its value.
+
+    Raises:
+        ValueError: If there is a name that this version doesn't know, or a value of another kind.
+    """
+    if is_dataclass(usual) and not isinstance(usual, type):
+        if not isinstance(stored, Mapping) or not stored.keys() <= {each.name for each in fields(usual)}:
+            raise ValueError(f"{name} can't be {str(stored)[:60]}")
+        return replace(
+            usual, **{each: restored(getattr(usual, each), value, each) for each, value in stored.items()}
+        )
+    if isinstance(usual, tuple) and isinstance(stored, list | tuple):
+        return tuple(restored(0, value, name) for value in stored)
+    if _kind(stored) is not _kind(usual):
+        raise ValueError(f"{name} can't be {str(stored)[:60]}")
+    return stored
+
+
+def _kind(value: Any) -> type:
+    """Its type; whole numbers are numbers like others."""
+    return float if type(value) is int else type(value)
+
+
+def changed(settings: Any, changes: Mapping[str, Any]) -> Any:
+    """A copy of a settings dataclass with other values, also in the settings within it."""
+    values = {
+        name: changed(getattr(settings, name), value) if isinstance(value, Mapping) else value
+        for name, value in changes.items()
+    }
+    return replace(settings, **values)

@@ -1,0 +1,161 @@
+"""Keeping a policy, reviving it and evaluating it: what was stored is what is loaded."""
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import safetensors
+import safetensors.torch
+import torch
+
+from paddlectl.agents.base import Policy
+from paddlectl.agents.evaluation import evaluate as played
+from paddlectl.errors import IntegrityError
+from paddlectl.experiments.log import RunLog
+from paddlectl.logic.syntax import format_program
+from paddlectl.methods.base import Method, method_of
+from paddlectl.registry.records import PolicyRecord, RunRecord
+from paddlectl.registry.store import Registry
+from paddlectl.tasks.base import Task
+from paddlectl.tasks.suite import load
+
+EVALUATION_EPISODES = 200
+EVALUATION_SEED = 12345
+
+
+def keep(registry: Registry, run: RunRecord, policy: Policy, log: RunLog) -> PolicyRecord:
+    """Evaluates what was learned on unseen layouts and publishes it, only once for a run that is resumed.
+
+    Its settings are kept with it, for it to be revived by.
+    """
+    task = policy.task
+    data = checkpoint(policy)
+    known = registry.run(run.id).policy
+    if known and registry.policy(known).checkpoint == hashlib.sha256(data).hexdigest():
+        return registry.policy(known)
+    with _one_thread():
+        result = played(policy, task, EVALUATION_EPISODES, EVALUATION_SEED)
+    return registry.add_policy(
+        run=run.id,
+        task=task.name,
+        domain=task.domain,
+        method=run.method,
+        seed=run.seed,
+        frames=log.frames,
+        program=None if result.program is None else format_program(result.program),
+        checkpoint=data,
+        success_rate=result.success_rate,
+        mean_score=result.mean_score,
+        mean_length=result.mean_length,
+        crispness=result.crispness,
+        metadata={
+            **_symbols(task),
+            "settings": policy.settings_document(),
+            "evaluation": {"episodes": EVALUATION_EPISODES, "seed": EVALUATION_SEED},
+        },
+    )
+
+
+def _symbols(task: Task) -> dict[str, list[str]]:
+    """What the rows and columns of a policy's tensors stand for."""
+    return {
+        "heads": [str(head) for head in task.heads],
+        "atoms": [str(atom) for atom in task.vocabulary.atoms],
+        "domain_heads": [str(head) for head in task.domain_heads],
+    }
+
+
+def checkpoint(policy: Policy) -> bytes:
+    """The policy's tensors as a safetensors file; equal tensors give equal bytes."""
+    tensors = {name: tensor.detach().contiguous() for name, tensor in policy.state().items()}
+    return safetensors.torch.save(tensors)
+
+
+def revive(registry: Registry, record: PolicyRecord) -> Policy:
+    """The policy of a record, with its tensors and the settings that it was kept with.
+
+    Raises:
+        IntegrityError: If the checkpoint isn't what was stored, or of another shape than its task asks for,
+            or if this version can't read its settings.
+    """
+    task, method = load(record.task), method_of(record.method)
+    try:
+        _require_symbols(record, task)
+        policy = method.policy(task, record.seed, _settings_of(registry, record, task, method))
+        policy.load(safetensors.torch.load(registry.read_checkpoint(record)))
+    except (RuntimeError, KeyError, TypeError, safetensors.SafetensorError) as error:
+        raise IntegrityError(
+            f"the checkpoint of {record.id} doesn't fit {record.task} as this version defines it",
+            f"train it again: paddlectl train {record.task}",
+        ) from error
+    return policy
+
+
+def _require_symbols(record: PolicyRecord, task: Task) -> None:
+    for name, symbols in _symbols(task).items():
+        if record.metadata.get(name, symbols) != symbols:
+            raise KeyError(name)
+
+
+def _settings_of(registry: Registry, record: PolicyRecord, task: Task, method: Method) -> Any:
+    """Those kept with the policy; with an older one, those of its run, or today's of its preset.
+
+    Raises:
+        IntegrityError: If this version can't read them.
+        KeyError: If the task has no such preset.
+    """
+    stored, today = record.metadata.get("settings"), None
+    if stored is None:
+        stored = registry.run(record.run).settings.get("hybrid", {})
+        chosen = record.metadata.get("preset")
+        today = method_of("hdm").settings_for(task, None, task.presets[chosen] if chosen else {})
+    try:
+        return method.settings_from(task, stored, today)
+    except ValueError as error:
+        raise IntegrityError(
+            f"the settings of {record.id} aren't what this version writes: {str(error)[:100]}",
+            "use the version of paddlectl that learned it",
+        ) from error
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """As in the processes of runs: with several, torch may add in another order, and a bit may differ."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def evaluate(registry: Registry, policy: PolicyRecord, task: str, episodes: int, seed: int) -> dict[str, Any]:
+    """Plays a policy on unseen layouts of a task of its domain.
+
+    The same four give the same figures to the last bit, those that the policy was kept with among them.
+
+    Returns:
+        The document of `evaluate --json`.
+
+    Raises:
+        IntegrityError: If the task is of another domain, or the checkpoint isn't what was stored.
+    """
+    environment = load(task)
+    if environment.domain != policy.domain:
+        raise IntegrityError(
+            f"{policy.id} is a {policy.domain} policy; {task} is a {environment.domain} task",
+            "policies can be played within their domain only",
+        )
+    revived = revive(registry, policy)
+    with _one_thread():
+        result = played(revived, environment, episodes, seed)
+    return {
+        "policy": policy.id,
+        "task": environment.name,
+        "episodes": episodes,
+        "seed": seed,
+        "success_rate": result.success_rate,
+        "mean_score": result.mean_score,
+        "mean_length": result.mean_length,
+    }

@@ -1,0 +1,217 @@
+"""One run of any method: it learns, is recorded and checkpointed, and what it learned is kept and evaluated."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from paddlectl.agents.interaction import Learning
+from paddlectl.errors import IntegrityError, InvalidFileError, UsageError
+from paddlectl.experiments.curves import curve_figures
+from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
+from paddlectl.experiments.log import RunLog, recorded, versions
+from paddlectl.experiments.pace import Pace
+from paddlectl.experiments.policies import keep, revive
+from paddlectl.logic.syntax import parse_program
+from paddlectl.methods.base import Method, Setup, Source, method_of
+from paddlectl.registry.records import PolicyRecord, RunRecord
+from paddlectl.registry.store import Registry
+from paddlectl.tasks.base import Task
+from paddlectl.tasks.suite import load
+
+Report = Callable[[Progress], None]
+
+
+def train_source(
+    job: TrainJob, registry: Registry, report: Report, pace: Pace | None = None
+) -> dict[str, Any]:
+    """Learns a source.
+
+    Args:
+        job: What to learn.
+        registry: Where it is kept.
+        report: Told of each round.
+        pace: When checkpoints are kept, and the run to go on with, if any.
+
+    Returns:
+        A row of `train --json`.
+    """
+    task, method = load(job.task), method_of(job.method)
+    require_actions(method, task)
+    chosen = task.presets[job.preset] if job.preset else {}
+    settings = method.settings_for(task, None, chosen, job.changes)
+    frames = job.frames or settings.frames
+    pace = pace or Pace()
+    run = pace.begin(
+        registry,
+        lambda: registry.add_run(
+            kind="train",
+            method=method.name,
+            task=task.name,
+            scenario=None,
+            sources=(),
+            seed=job.seed,
+            settings={"frames": frames, "preset": job.preset, "learning": dataclasses.asdict(settings)},
+            versions=versions(),
+        ),
+    )
+    with recorded(registry, run) as log:
+        kept = _learned(registry, run, method, Setup(task, settings, job.seed, frames), log, report, pace)
+        log.results = figures_of(kept)
+    return {
+        "run": run.id,
+        "policy": kept.id,
+        "task": task.name,
+        "method": method.name,
+        "seed": job.seed,
+        **log.counts(),
+        "success_rate": kept.success_rate,
+        "mean_score": kept.mean_score,
+        "crispness": kept.crispness,
+    }
+
+
+def run_transfer(
+    job: TransferJob, registry: Registry, report: Report, pace: Pace | None = None
+) -> dict[str, Any]:
+    """Learns a scenario's target.
+
+    Args:
+        job: What to learn.
+        registry: Where it is kept.
+        report: Told of each round.
+        pace: When checkpoints are kept, and the run to go on with, if any.
+
+    Returns:
+        A row of `transfer --json`.
+    """
+    task, method = load(job.scenario.target), method_of(job.method)
+    require_actions(method, task)
+    settings = method.settings_for(task, job.scenario, job.changes)
+    rules = job.rules or method.rules_for(task)
+    reused = () if method.sources == "none" else job.sources
+    pace = pace or Pace()
+    run = pace.begin(
+        registry,
+        lambda: registry.add_run(
+            kind="transfer",
+            method=method.name,
+            task=task.name,
+            scenario=job.scenario.name,
+            sources=reused,
+            seed=job.seed,
+            settings={
+                "frames": job.frames,
+                "scenario": job.scenario.model_dump(mode="json"),
+                "learning": dataclasses.asdict(settings),
+                "rules": rules and dataclasses.asdict(rules),
+            },
+            versions=versions(),
+        ),
+    )
+    with recorded(registry, run) as log:
+        sources = tuple(_source(registry, policy) for policy in reused)
+        setup = Setup(task, settings, job.seed, job.frames, sources, job.scenario, rules)
+        kept = _learned(registry, run, method, setup, log, report, pace)
+        figures = curve_figures(log.ended(), log.frames)
+        log.results = figures | {"mean_length": kept.mean_length, "crispness": kept.crispness}
+    return {
+        "run": run.id,
+        "policy": kept.id,
+        "method": method.name,
+        "seed": job.seed,
+        **log.counts(),
+        **figures,
+    }
+
+
+def _learned(
+    registry: Registry, run: RunRecord, method: Method, setup: Setup, log: RunLog, report: Report, pace: Pace
+) -> PolicyRecord:
+    """Runs the method's agent within its budget, and keeps its policy."""
+    agent = method.make(setup)
+    layouts = np.random.SeedSequence(setup.seed).spawn(1)[0]
+    settings = setup.settings
+    environment = setup.task.make(settings.lanes, int(layouts.generate_state(1)[0]), settings.repeat)
+    learning = Learning(environment, agent, setup.frames)
+    _keep_documents(registry, run, agent.documents())
+    pace.tell_of_rounds(setup.frames, learning.round)
+    with pace.rounds(registry, log, {"learning": learning}) as after_round:
+        for round_ in learning:
+            log.add(round_)
+            _keep_rows(registry, run, agent.record(round_.frames, round_.episodes, log.curve.known))
+            log.write(round_)
+            note = "  ".join(f"{name} {value:.2f}" for name, value in round_.figures.items())
+            report(log.progress(max(setup.frames, learning.round), note))
+            after_round()
+    _keep_rows(registry, run, agent.close())
+    _keep_documents(registry, run, agent.documents())
+    return keep(registry, run, agent.policy(), log)
+
+
+def _keep_rows(registry: Registry, run: RunRecord, tables: Any) -> None:
+    for name, rows in tables.items():
+        registry.append_rows(run.id, name, rows)
+
+
+def _keep_documents(registry: Registry, run: RunRecord, documents: Any) -> None:
+    for name, document in documents.items():
+        registry.write_document(run.id, name, document)
+
+
+def require_actions(method: Method, task: Task) -> None:
+    """Refuses a task whose actions the method can't choose.
+
+    Raises:
+        UsageError: If it can't.
+    """
+    kind = "continuous" if task.make(1, 0).actions.continuous else "discrete"
+    if kind not in method.actions:
+        others = ", ".join(sorted(method.actions))
+        raise UsageError(f"{method.name} is for {others} actions; those of {task.name} are {kind}")
+
+
+def _source(registry: Registry, policy: str) -> Source:
+    record = registry.policy(policy)
+    try:
+        program = None if record.program is None else parse_program(record.program)
+    except InvalidFileError as error:
+        raise IntegrityError(
+            f"the program of {record.id} is damaged: {error.message}",
+            f"train it again: paddlectl train {record.task}",
+        ) from error
+    return Source(record.id, revive(registry, record), program)
+
+
+def random_source(task: str, seed: int, registry: Registry) -> PolicyRecord:
+    """Keeps a policy as it is before it learns: a source that has nothing to teach.
+
+    Its method is `random`. It is the best policy of its task only while no other solves more.
+    """
+    method, loaded = method_of("random"), load(task)
+    settings = method.settings_for(loaded, None)
+    run = registry.add_run(
+        kind="train",
+        method=method.name,
+        task=task,
+        scenario=None,
+        sources=(),
+        seed=seed,
+        settings={"frames": 0, "learning": dataclasses.asdict(settings)},
+        versions=versions(),
+    )
+    with recorded(registry, run) as log:
+        kept = keep(registry, run, method.policy(loaded, seed, settings), log)
+        log.results = figures_of(kept)
+    return kept
+
+
+def figures_of(kept: PolicyRecord) -> dict[str, Any]:
+    """How well a policy plays."""
+    return {
+        "success_rate": kept.success_rate,
+        "mean_score": kept.mean_score,
+        "mean_length": kept.mean_length,
+        "crispness": kept.crispness,
+    }

@@ -1,0 +1,41 @@
+"""The hybrid decision model from scratch: a differentiable logic program picks subgoals, PPO or TD3 reaches them.
+
+Cao et al. (2022), GALOIS, with the deviations that docs/method.md lists.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from paddlectl.hybrid.agent import HybridAgent
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, OwnProgram, settings_for, settings_from
+from paddlectl.methods.base import Method, Setup
+from paddlectl.tasks.base import Task
+
+
+def make(setup: Setup) -> HybridAgent:
+    """Its own program decides, its own low level acts."""
+    learner = HybridPolicy(setup.task, setup.seed, setup.settings)
+    layouts, choices = np.random.SeedSequence(setup.seed).spawn(2)
+    chooser = OwnProgram(learner, np.random.default_rng(choices))
+    return HybridAgent(learner, chooser, [learner.low_level], np.random.default_rng(layouts.spawn(1)[0]))
+
+
+def _settings(task: Task, _: Any, *changes: Any) -> HybridSettings:
+    return settings_for(task, *changes)
+
+
+HDM = Method(
+    name="hdm",
+    summary="the hybrid model from scratch: a logic program picks subgoals, PPO or TD3 reaches them",
+    sources="none",
+    teaches=None,
+    actions=frozenset({"discrete", "continuous"}),
+    settings_for=_settings,
+    settings_from=settings_from,
+    rules_for=lambda _: None,
+    make=make,
+    policy=HybridPolicy,
+)
+RANDOM = replace(HDM, name="random", summary="the hybrid model before it has learned anything")

@@ -1,0 +1,166 @@
+"""PADDLE (Algorithm 2): the guides collect, the target learns."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from paddlectl.agents.base import Episode, Tables
+from paddlectl.hybrid.agent import HybridAgent
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, settings_for, settings_from
+from paddlectl.learners.base import Learner
+from paddlectl.logic.clauses import Scene, scenes_of
+from paddlectl.methods.base import Method, Setup
+from paddlectl.scenario import Scenario, Similarity
+from paddlectl.tasks.base import GUIDED, Task
+from paddlectl.transfer import guides
+from paddlectl.transfer.account import Account
+from paddlectl.transfer.candidates import Source, candidates_of, most_similar
+from paddlectl.transfer.documents import mapping_document
+from paddlectl.transfer.guidance import GuidanceSettings
+from paddlectl.transfer.similarity import SceneMapping, map_scenes
+
+EARLY = 100
+"""Episodes of the early phase."""
+
+
+class PaddleAgent(HybridAgent):
+    """Algorithm 2.
+
+    At each decision the scene is looked up in Ψ and the candidate of largest Λ leads (lines 5-14,
+    `GuideChooser.choose`); its return is taken down (lines 16-19, `GuideChooser.decided`); after each
+    block of steps the target learns from all of it (line 22). The sources stay as they are.
+
+    It keeps the weights and an episode of the first hundred, and of the last tenth of the run.
+    """
+
+    def __init__(
+        self,
+        target: HybridPolicy,
+        sources: Sequence[Source],
+        chooser: guides.GuideChooser,
+        mapping: Mapping[str, Any],
+        seed: int,
+        frames: int,
+    ) -> None:
+        rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0].spawn(1)[0])
+        actors = [target.low_level, *(source.low_level.guide() for source in sources)]
+        super().__init__(target, chooser, actors, rng, [chooser])
+        self.guides = chooser
+        self._account = Account(chooser, sources)
+        self._mapping = mapping
+        self._frames = frames
+        self._phase, self._since, self._now = "early", 0, 0
+        self._trace: dict[str, Any] = {}
+
+    def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
+        """The weights at the end of the early phase."""
+        for episode, decisions in zip(episodes, self.guides.traces, strict=True):
+            self._keep_trace(episode.score, decisions)
+        self.guides.traces.clear()
+        self._now, tenth = frames, self._frames // 10
+        if self._phase == "early" and known >= EARLY:
+            tables = self.close()
+            self._phase, self._since = "late", frames
+            self.guides.clear()
+            return tables
+        if self._phase == "late" and self._frames - frames >= tenth <= frames - self._since:
+            self._since = frames
+            self.guides.clear()
+        return {}
+
+    def close(self) -> Tables:
+        """The weights as of now."""
+        return {"weights": list(self._account.weights(self._phase, self._now))}
+
+    def documents(self) -> Mapping[str, Any]:
+        """Ψ, and an episode of each phase decision by decision, once there is one."""
+        return {"mapping": self._mapping, **({"trace": self._trace} if self._trace else {})}
+
+    def _keep_trace(self, score: float, decisions: Sequence[guides.TracedDecision]) -> None:
+        """The first solved episode of the early phase and the latest of the late; any if none is solved."""
+        best = self._trace.get(f"score_{self._phase}", -1.0)
+        if (self._phase == "early" and best > 0) or (score == 0 and best >= 0):
+            return
+        self._trace[self._phase] = self._account.trace(decisions)
+        self._trace[f"score_{self._phase}"] = score
+
+
+def make(setup: Setup) -> PaddleAgent:
+    """The target with its guides; by default it inherits the most similar one's low level."""
+    scenario: Scenario = setup.scenario
+    target = HybridPolicy(setup.task, setup.seed, setup.settings)
+    sources = [_guide(source) for source in setup.sources]
+    mapping, document = _mapping(target, sources, scenario.similarity)
+    lanes, sharpness = target.settings.lanes, target.settings.sharpness
+    readings = scenario.guidance.readings()
+    softness = readings.source_softness if readings else 0.0
+    candidates = candidates_of(target.task, target.clauses.bodies, sources, mapping, sharpness, softness)
+    rng = np.random.default_rng(setup.seed)
+    if readings:
+        chooser: guides.GuideChooser = guides.PaperGuides(target, candidates, lanes, rng, readings)
+    else:
+        chooser = guides.PlannedGuides(target, candidates, lanes, rng, setup.rules)
+        _inherit(target, sources, mapping, setup.rules.inheritance)
+    return PaddleAgent(target, sources, chooser, document, setup.seed, setup.frames)
+
+
+def _guide(source: Any) -> Source:
+    policy: HybridPolicy = source.policy
+    return Source(source.id, policy.task.name, policy.task.heads, source.program, policy.low_level)
+
+
+def _mapping(
+    target: HybridPolicy, sources: Sequence[Source], weights: Similarity
+) -> tuple[SceneMapping, dict[str, Any]]:
+    scenes = [Scene(body, frozenset(target.task.heads)) for body in target.clauses.bodies]
+    programs = {source.policy: scenes_of(source.program.clauses) for source in sources}
+    mapping = map_scenes(scenes, programs, weights.body_weight, weights.head_weight)
+    tasks = {source.policy: source.task for source in sources}
+    name = target.task.name
+    return mapping, mapping_document(name, scenes, mapping, tasks, weights.body_weight, weights.head_weight)
+
+
+def _inherit(target: HybridPolicy, sources: Sequence[Source], mapping: SceneMapping, share: float) -> None:
+    """The most similar of the sources whose networks have the target's shape hands them on."""
+    like = [source for source in sources if _shapes(source.low_level) == _shapes(target.low_level)]
+    if share and like:
+        target.low_level.inherit(most_similar(like, mapping).low_level.state(), share)
+
+
+def _shapes(learner: Learner) -> dict[str, tuple[int, ...]]:
+    return {name: tuple(tensor.shape) for name, tensor in learner.state().items()}
+
+
+def _settings(task: Task, scenario: Scenario, *changes: Mapping[str, Any]) -> HybridSettings:
+    """Those of `hdm`; who inherits learns by the task's preset `guided`, and `guidance: paper` has its own."""
+    readings = scenario.guidance.readings()
+    if readings is None:
+        return settings_for(task, task.presets.get(GUIDED, {}), *changes)
+    usual = settings_for(task)
+    as_in_paper = {
+        "lanes": readings.lanes,
+        "block": max(1, usual.lanes * usual.block // readings.lanes),
+        "decisions": {"patience": 1.0},
+        "credit": {"imitation_margin": readings.imitation_margin},
+    }
+    return settings_for(task, as_in_paper, *changes)
+
+
+def _rules(task: Task) -> GuidanceSettings:
+    return dataclasses.replace(GuidanceSettings(), **task.guidance)
+
+
+PADDLE = Method(
+    name="paddle",
+    summary="logic and performance similarity pick a source that acts; the hybrid model learns",
+    sources="many",
+    teaches="hdm",
+    actions=frozenset({"discrete", "continuous"}),
+    settings_for=_settings,
+    settings_from=settings_from,
+    rules_for=_rules,
+    make=make,
+    policy=HybridPolicy,
+)
