@@ -16,7 +16,7 @@ COUNTS = {
     "killed_runs": 16,
     "stopped_runs": 10,
     "shared_folders": 3,
-    "live_readers": 64,
+    "live_readers": 32,
     "failing_writes": 1,
     "full_disk": 12,
     "yaml_files": 20_000,
