@@ -323,7 +323,7 @@ def test_what_a_function_has_to_work_with_is_kept() -> None:
 
 def test_what_decorates_a_function_of_a_module_is_code() -> None:
     """As `torch.no_grad` does, which nothing could capture."""
-    assert went_through(partial(_best, 1), partial(_best, 2)).args == (2,)
+    assert went_through(partial(_best, [1]), partial(_best, [2])).args == ([2],)
 
 
 def test_all_of_a_network_is_kept() -> None:
