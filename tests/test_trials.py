@@ -13,18 +13,18 @@ SOAK = Path(__file__).with_name("soak.py")
 COUNTS = {
     "killed_writers": 200,
     "killed_care": 10,
-    "killed_runs": 16,
+    "killed_runs": 8,
     "stopped_runs": 10,
     "shared_folders": 3,
-    "live_readers": 64,
+    "live_readers": 32,
     "failing_writes": 1,
-    "full_disk": 12,
-    "yaml_files": 20_000,
-    "programs": 20_000,
+    "full_disk": 6,
+    "yaml_files": 10_000,
+    "programs": 10_000,
     "index_files": 60,
     "changed_files": 2000,
     "healthy_registries": 20,
-    "command_lines": 2000,
+    "command_lines": 1000,
 }
 
 

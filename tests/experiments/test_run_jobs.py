@@ -15,7 +15,7 @@ import safetensors.torch
 
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments import processes
-from paddlectl.experiments.jobs import Begun, Failure, Progress, TrainJob, TransferJob
+from paddlectl.experiments.jobs import Begun, Failure, Note, Progress, TrainJob, TransferJob
 from paddlectl.experiments.processes import rows_of, run_jobs
 from paddlectl.experiments.sources import evaluate, revive
 from paddlectl.hybrid.policy import HybridSettings
@@ -55,7 +55,8 @@ def test_runs_are_finished_and_their_policies_kept(trained):
 
 def test_what_is_new_is_told_by_job(trained):
     for index, row in enumerate(trained.rows):
-        begun, progress, outcome = [event for number, event in trained.told if number == index]
+        begun, note, progress, outcome = [event for number, event in trained.told if number == index]
+        assert note == Note(f"{FRAMES:,} frames are run instead of 1: a round has so many")
         assert begun == Begun(row["run"])
         assert (progress.run, progress.frames) == (row["run"], FRAMES)
         assert outcome == row

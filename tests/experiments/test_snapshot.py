@@ -19,6 +19,7 @@ import torch
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments import snapshot
 from paddlectl.learners.ppo import PPO
+from paddlectl.learners.td3 import _best
 from paddlectl.logic.atoms import Predicate
 
 
@@ -318,6 +319,11 @@ def test_what_a_function_has_to_work_with_is_kept() -> None:
         went_through(partial(max, 1, 2), partial(max, 3, 4))  # nothing in it can be changed
     with pytest.raises(IntegrityError):
         went_through(SimpleHolder(max), SimpleHolder(min))
+
+
+def test_what_decorates_a_function_of_a_module_is_code() -> None:
+    """As `torch.no_grad` does, which nothing could capture."""
+    assert went_through(partial(_best, [1]), partial(_best, [2])).args == ([2],)
 
 
 def test_all_of_a_network_is_kept() -> None:

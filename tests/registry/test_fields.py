@@ -136,6 +136,15 @@ def test_a_transfer_goes_the_whole_way_under_any_name(registry: Registry, tmp_pa
     assert (taken.scenario, job_of(taken).seed) == (name, job.seed)
 
 
+@pytest.mark.parametrize("wrong", [{"frames": "x"}, {"frames": 0}, {"preset": ["a"]}, {"preset": "none"}])
+def test_settings_that_no_command_wrote_arent_resumed(add: Any, wrong: dict[str, Any]) -> None:
+    hybrid = dataclasses.asdict(settings_for(load("BoxDoor")))
+    run = add.run(settings={"frames": 1000, "preset": None, "hybrid": hybrid})
+    assert job_of(run).frames == 1000
+    with pytest.raises(IntegrityError, match="aren't what this version writes"):
+        job_of(dataclasses.replace(run, settings=run.settings | wrong))
+
+
 def test_names_and_limits_of_the_commands_fit() -> None:
     for task in map(load, names()):
         assert re.fullmatch(fields.TASK, task.name) and re.fullmatch(fields.TASK, task.domain)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from filler import ARRAYS, Filler
-from paddlectl.cli.completion import policy_names, run_names, stopped_names
+from paddlectl.cli.completion import policy_names, stopped_names, transfer_names
 from paddlectl.cli.resume import stopped_runs
 from paddlectl.errors import UsageError
 from paddlectl.registry import bundles
@@ -152,9 +152,9 @@ def shows(registry: Registry, dice: random.Random, folder: Path) -> None:
 
 def lists(registry: Registry, dice: random.Random, folder: Path) -> None:
     assert registry.newest_runs(50)[1] >= registry.newest_policies(50)[1] > 0
-    assert run_names(registry.location)[1:] and policy_names(registry.location)
+    assert transfer_names(registry.location)[1:] and policy_names(registry.location)
     stopped_names(registry.location)
-    assert not [run for run in stopped_runs(registry, [], True) if run.status == "running"]
+    assert not [run for run in stopped_runs(registry) if run.status == "running"]
 
 
 READINGS = [checks, repairs, exports, explains, shows, lists, explains, exports]

@@ -8,9 +8,10 @@ from typing import Any
 from paddlectl.errors import IntegrityError
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.pace import Pace, require_resumable
-from paddlectl.experiments.sources import train_source
+from paddlectl.experiments.sources import preset, train_source
 from paddlectl.experiments.transfers import run_transfer
 from paddlectl.hybrid.policy import settings_from
+from paddlectl.registry import fields
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
@@ -47,15 +48,17 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
     """
     told = run.settings
     try:
+        frames = _budget(told["frames"])
+        preset(load(run.task), told.get("preset"))  # is known
         hybrid = dataclasses.asdict(settings_from(load(run.task), told["hybrid"]))
         if run.kind == "train":
-            return TrainJob(run.task, run.seed, told["frames"], hybrid, told.get("preset"))
+            return TrainJob(run.task, run.seed, frames, hybrid, told.get("preset"))
         return TransferJob(
             scenario=_scenario(told["scenario"]),
             sources=run.sources,
             method=run.method,
             seed=run.seed,
-            frames=told["frames"],
+            frames=frames,
             rules=GuidanceSettings(**told["guidance"]),
             hybrid=hybrid,
         )
@@ -64,6 +67,12 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
             f"the settings of {run.id} aren't what this version writes: {str(error)[:100]}",
             "go on with the version of paddlectl that the run began with",
         ) from error
+
+
+def _budget(frames: Any) -> int:
+    if wrong := fields.misfit({"frames": frames}, {"frames": fields.BUDGET}):
+        raise ValueError(wrong)
+    return int(frames)
 
 
 def _scenario(told: Any) -> Scenario:

@@ -392,9 +392,17 @@ def _parts(value: Any) -> list[Any] | None:
             return [value.__self__]
         case types.BuiltinFunctionType() if not isinstance(value.__self__, types.ModuleType | None):
             return [value.__self__]
-        case types.FunctionType() if value.__closure__:
+        case types.FunctionType() if value.__closure__ and not _is_of_module(value):
             return [cell.cell_contents for cell in value.__closure__]
     return None
+
+
+def _is_of_module(function: types.FunctionType) -> bool:
+    """Whether a module holds it, decorated or not: it is code then, which no run changes."""
+    found: Any = sys.modules.get(function.__module__)
+    for name in function.__qualname__.split("."):
+        found = getattr(found, name, None)
+    return found is function
 
 
 def _is_constant(value: Any) -> bool:

@@ -13,7 +13,8 @@ SEEDS = 2**32
 MOST_SEEDS = 1000
 MOST_SOURCES = 100
 MOST_FRAMES = 10**12
-"""Of a run's budget."""
+BUDGET = range(1, MOST_FRAMES + 1)
+"""Frames that a run may be given."""
 
 LONGEST_SCENARIO = 80
 """Characters of a scenario's name."""

@@ -62,6 +62,8 @@ def other_file(folder: Path, name: str, objects: Objects) -> Iterator[Finding]:
         return
     if path.parent == folder:
         yield Finding("leftover", name, "a process was stopped", fault=False)
+    elif path.parent.name == "runs" and name.endswith(".part"):
+        yield Finding("leftover", name, "a writer was stopped", fault=False)
     elif path.parent.name == "runs":
         yield Finding("stray file", name, "it is no folder of a run")
     elif path.name.endswith(".part"):
@@ -97,9 +99,6 @@ def _sealed_file(report: Report, folder: Path, name: str, seal: Seal) -> Iterato
 
 def _run_folder(report: Report, folder: Path, path: Path, row: Mapping[str, Any] | None) -> Iterator[Finding]:
     name, manifest = path.name, report.manifests.get(path.name)
-    if name.endswith(".part"):
-        yield Finding("leftover", inside(folder, path), "a writer was stopped", fault=False)
-        return
     if not path.exists() and not path.is_symlink():
         return
     if not path.is_dir() or path.is_symlink():
