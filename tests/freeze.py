@@ -23,10 +23,11 @@ from unittest import mock
 
 import torch
 
-from paddlectl.experiments import sources
+from paddlectl.experiments import runner
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.pace import Pace
-from paddlectl.experiments.sources import keep, train_source
+from paddlectl.experiments.policies import keep
+from paddlectl.experiments.runner import train_source
 from paddlectl.hybrid.policy import HybridPolicy
 from paddlectl.learners import ppo
 from paddlectl.registry import bundles
@@ -60,9 +61,9 @@ def freeze_policy(name: str, place: Path) -> None:
     registry = Registry.open(place / "registry")
     with (
         mock.patch.object(ppo, "mlp", partial(mlp, hidden=(UNITS,) * 3)),
-        mock.patch.object(sources, "keep", keep_padded),
+        mock.patch.object(runner, "keep", keep_padded),
     ):
-        job = TrainJob("BoxDoor", 0, hybrid=POLICIES[name])
+        job = TrainJob("BoxDoor", 0, changes=POLICIES[name])
         row = train_source(job, registry, lambda progress: print(progress.note, end="\r"))
     print(row)
     bundles.export(registry, row["policy"], place / "policy.zip")

@@ -6,28 +6,24 @@ python small_transfer.py REGISTRY MODE SEED POLICY... prints the SHA-256 of the 
 import sys
 from typing import Any
 
-from paddlectl.experiments import sources, transfers
+from paddlectl.experiments import policies
 from paddlectl.experiments.jobs import TransferJob
-from paddlectl.hybrid.policy import settings_for
+from paddlectl.experiments.runner import run_transfer
+from paddlectl.methods import paddle
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Guidance, Scenario
 
 FRAMES = 8192
 TARGET = "BlockedBoxUnlockPickup"
-CHANGES = (
-    (
-        transfers,
-        "settings_for",
-        lambda task, *changes: settings_for(task, *changes, {"lanes": 8, "low_level": {"epochs": 1}}),
-    ),
-    (transfers, "WINDOW", 10),
-    (sources, "EVALUATION_EPISODES", 8),
-)
+SMALL = {"lanes": 8, "block": 32, "low_level": {"epochs": 1}}
 """Eight lanes, so that a few thousand frames hold a few dozen episodes."""
+
+SHORT = ((paddle, "EARLY", 10), (policies, "EVALUATION_EPISODES", 8))
+"""Module, name and value: what is shorter, too."""
 
 
 def job(
-    policies: tuple[str, ...], mode: str, method: str = "paddle", seed: int = 0, frames: int = FRAMES
+    reused: tuple[str, ...], mode: str, method: str = "paddle", seed: int = 0, frames: int = FRAMES
 ) -> TransferJob:
     scenario = Scenario(
         name="A",
@@ -35,16 +31,14 @@ def job(
         sources=("BlockedDoor", "GapBall"),
         guidance=Guidance.model_validate({"mode": mode}),
     )
-    return TransferJob(scenario, policies, method, seed, frames)
+    return TransferJob(scenario, reused, method, seed, frames, changes=SMALL)
 
 
-def main(location: str, mode: str, seed: str, *policies: str) -> None:
-    for module, name, value in CHANGES:
+def main(location: str, mode: str, seed: str, *reused: str) -> None:
+    for module, name, value in SHORT:
         setattr(module, name, value)
     with Registry.open(location) as registry:
-        row: dict[str, Any] = transfers.run_transfer(
-            job(policies, mode, seed=int(seed)), registry, lambda _: None
-        )
+        row: dict[str, Any] = run_transfer(job(reused, mode, seed=int(seed)), registry, lambda _: None)
         print(registry.policy(row["policy"]).checkpoint)
 
 

@@ -19,11 +19,11 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from paddlectl import whole
 from paddlectl.errors import InvalidFileError, NotFoundError, UsageError
+from paddlectl.methods.catalogue import METHODS
 from paddlectl.registry import fields
 from paddlectl.tasks.suite import load, names
 from paddlectl.transfer.guidance import PaperSettings
 
-METHODS = ("paddle", "hdm")
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 16
 MAX_VALUES = 10_000
@@ -112,7 +112,7 @@ class Scenario(_Closed):
     name: Name
     target: str
     sources: Annotated[tuple[str, ...], Field(min_length=1, max_length=fields.MOST_SOURCES)]
-    method: str = METHODS[0]
+    method: str = "paddle"
     seeds: Annotated[
         tuple[Seed, ...], Field(min_length=1, max_length=fields.MOST_SEEDS), BeforeValidator(_seeds)
     ] = (0,)
@@ -208,7 +208,7 @@ def _mark_at(before: str) -> Mark:
 def _misuses(scenario: Scenario) -> Iterator[Problem]:
     """What a schema can't know: names of tasks and methods, and sources that can't serve the target."""
     if scenario.method not in METHODS:
-        yield Problem(("method",), unknown("method", scenario.method, METHODS))
+        yield Problem(("method",), unknown("method", scenario.method, tuple(METHODS)))
     for path, task in [(("target",), scenario.target), *_places("sources", scenario.sources)]:
         if task not in names():
             yield Problem(path, unknown("task", task, names()))

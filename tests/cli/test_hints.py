@@ -14,7 +14,7 @@ from paddlectl.cli.app import COMMANDS
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments import processes, sources
 from paddlectl.experiments.jobs import Begun, ResumeJob, TrainJob, TransferJob
-from paddlectl.experiments.transfers import _source
+from paddlectl.experiments.runner import _source
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import names
@@ -54,7 +54,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         return {"policy": policy.id} if policy.task == TARGET else played(registry, policy, *more)
 
     monkeypatch.setattr("paddlectl.experiments.processes.run_jobs", run_jobs)
-    monkeypatch.setattr("paddlectl.experiments.sources.evaluate", evaluate)
+    monkeypatch.setattr("paddlectl.experiments.policies.evaluate", evaluate)
     (tmp_path / "work").mkdir()
     (tmp_path / "work" / "scenarios").symlink_to(ROOT / "scenarios")
     monkeypatch.chdir(tmp_path / "work")

@@ -9,7 +9,7 @@ from paddlectl.cli.options import place
 from paddlectl.cli.texts import here
 from paddlectl.experiments.jobs import Progress, TrainJob
 from paddlectl.experiments.pace import Pace
-from paddlectl.experiments.sources import train_source
+from paddlectl.experiments.runner import train_source
 from paddlectl.registry.store import Registry
 from samples import SCENARIO, Command
 
@@ -47,7 +47,7 @@ def test_the_default_numbers_stay(
     def play(_: object, __: object, task: str, episodes: int, seed: int) -> dict[str, Any]:
         return {"policy": "policy-2", "task": task, "episodes": episodes, "seed": seed}
 
-    monkeypatch.setattr("paddlectl.experiments.sources.evaluate", play)
+    monkeypatch.setattr("paddlectl.experiments.policies.evaluate", play)
     for more, numbers in (("", (200, 12345)), ("--episodes 1e3 --seed 5e0", (1000, 5))):
         row = command("evaluate", "GapBall", *more.split(), "--json").json
         assert (row["episodes"], row["seed"]) == numbers

@@ -17,7 +17,8 @@ from paddlectl.errors import IntegrityError
 from paddlectl.experiments import sources
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.resuming import job_of
-from paddlectl.experiments.sources import EVALUATION_SEED, evaluate, revive, train_source
+from paddlectl.experiments.policies import EVALUATION_SEED, evaluate, revive
+from paddlectl.experiments.runner import train_source
 from paddlectl.hybrid import training
 from paddlectl.hybrid.credit import CreditSettings
 from paddlectl.hybrid.policy import HybridSettings, settings_for

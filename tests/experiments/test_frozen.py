@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from freeze import POLICIES
-from paddlectl.experiments.sources import EVALUATION_EPISODES, EVALUATION_SEED, evaluate, revive
+from paddlectl.experiments.policies import EVALUATION_EPISODES, EVALUATION_SEED, evaluate, revive
 from paddlectl.hybrid.policy import settings_for
 from paddlectl.registry import bundles
 from paddlectl.registry.records import PolicyRecord

@@ -5,7 +5,8 @@ import shutil
 import pytest
 
 from paddlectl.experiments import transfers
-from paddlectl.experiments.sources import checkpoint, random_source, revive
+from paddlectl.experiments.policies import checkpoint, revive
+from paddlectl.experiments.runner import random_source
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load

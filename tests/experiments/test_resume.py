@@ -21,7 +21,7 @@ from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.log import recorded
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import resume
-from paddlectl.experiments.sources import train_source
+from paddlectl.experiments.runner import train_source
 from paddlectl.experiments.stop import Stop
 from paddlectl.hybrid import training
 from paddlectl.hybrid.policy import HybridPolicy, settings_for

@@ -17,7 +17,7 @@ from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments import processes
 from paddlectl.experiments.jobs import Begun, Failure, Note, Progress, TrainJob, TransferJob
 from paddlectl.experiments.processes import rows_of, run_jobs
-from paddlectl.experiments.sources import evaluate, revive
+from paddlectl.experiments.policies import evaluate, revive
 from paddlectl.hybrid.policy import HybridSettings
 from paddlectl.logic.syntax import ProgramSyntaxError, parse_program
 from paddlectl.registry.store import Registry

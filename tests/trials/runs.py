@@ -4,26 +4,23 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import torch
 
-from paddlectl.experiments import sources, transfers
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.pace import Pace
-from paddlectl.experiments.sources import random_source, train_source
+from paddlectl.experiments.runner import random_source, run_transfer, train_source
 from paddlectl.experiments.stop import Stop
-from paddlectl.hybrid.policy import HybridSettings, settings_for
 from paddlectl.registry.store import Registry
-from paddlectl.tasks.base import Task
-from small_transfer import CHANGES, job
+from small_transfer import SHORT, SMALL, job
 
 KINDS = ("train", "train maze", "paddle default", "paddle paper", "hdm")
 FRAMES, ROUNDS = 3072, 12
-SMALL = {"ppo": {"epochs": 1}, "td3": {"warm_up": 100}}
+IN_MAZE = {"lanes": 8, "low_level": {"warm_up": 100}}
 TIME = {"seconds", "created", "finished", "resumes"}
 
 
@@ -50,21 +47,12 @@ class StopAfter(Stop):
 
 @contextmanager
 def small() -> Iterator[None]:
-    """Eight lanes and one epoch, so that a round takes a tenth of a second; one thread, as runs have."""
+    """Few episodes; one thread, as runs have."""
     torch.set_num_threads(1)
-
-    def few(task: Task, *changes: Any) -> HybridSettings:
-        return settings_for(task, *changes, {"lanes": 8, "low_level": SMALL[task.learner]})
-
-    with mock.patch.object(sources, "settings_for", few):
-        patches = [mock.patch.object(module, name, value) for module, name, value in CHANGES]
-        for patch in patches:
-            patch.start()
-        try:
-            yield
-        finally:
-            for patch in patches:
-                patch.stop()
+    with ExitStack() as patches:
+        for module, name, value in SHORT:
+            patches.enter_context(mock.patch.object(module, name, value))
+        yield
 
 
 def add_sources(registry: Registry) -> None:
@@ -76,12 +64,12 @@ def add_sources(registry: Registry) -> None:
 def begin(kind: str, registry: Registry, pace: Pace, rounds: int = ROUNDS) -> dict[str, Any]:
     frames = rounds * FRAMES // ROUNDS
     if kind == "train":
-        return train_source(TrainJob("GapBall", 0, frames), registry, quiet, pace)
+        return train_source(TrainJob("GapBall", 0, frames, SMALL), registry, quiet, pace)
     if kind == "train maze":  # 8 lanes, 8 actions a round, 20 steps an action
-        return train_source(TrainJob("CoffeeMaze", 0, rounds * 8 * 8 * 20), registry, quiet, pace)
+        return train_source(TrainJob("CoffeeMaze", 0, rounds * 8 * 8 * 20, IN_MAZE), registry, quiet, pace)
     method, _, mode = kind.partition(" ")
     policies = ("policy-1", "policy-2")
-    return transfers.run_transfer(
+    return run_transfer(
         job(policies, mode or "default", method, frames=frames), registry, quiet, pace
     )
 

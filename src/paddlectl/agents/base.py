@@ -143,7 +143,7 @@ class Agent(Player, Protocol):
         """The last rows of the run's tables."""
 
     def documents(self) -> Mapping[str, Any]:
-        """What is to be kept beside the tables, by name; asked for before the first round and after the last."""
+        """What is to be kept beside the tables, by name, before the first round and after the last."""
 
     def policy(self) -> Policy:
         """What it has learned."""

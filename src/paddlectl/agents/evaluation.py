@@ -56,6 +56,4 @@ def evaluate(policy: Policy, task: Task, episodes: int, seed: int) -> Evaluation
         for episode in played:
             passed[list(episode.scenes)] += 1
     program, crispness = policy.played_program(passed, episodes)
-    return Evaluation(
-        episodes, solved / episodes, score / episodes, length / episodes, program, crispness
-    )
+    return Evaluation(episodes, solved / episodes, score / episodes, length / episodes, program, crispness)

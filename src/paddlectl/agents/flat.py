@@ -122,7 +122,8 @@ class FlatAgent:
         buffer, t = self._buffer, self._t
         buffer.observations[t] = environment.flat_state()
         buffer.actions[t], buffer.log_probs[t] = self._policy.learner.act(buffer.observations[t], self._rng)
-        return buffer.actions[t]
+        chosen: NDArray[Any] = buffer.actions[t]
+        return chosen
 
     def observe(self, environment: Environment, step: Step) -> None:
         """Keeps what was earned, and what followed."""

@@ -71,7 +71,7 @@ class Interaction:
 
 
 class Learning:
-    """Act, update, again, within a budget. All that it needs to go on is in its attributes between two rounds.
+    """Act, update, again, within a budget. Between two rounds all that it needs is in its attributes.
 
     Args:
         environment: B environments.

@@ -7,6 +7,7 @@ import typer
 
 from paddlectl.cli.options import AsJson, RegistryPlace, complete_sources, complete_tasks
 from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.methods.catalogue import entry_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -96,6 +97,11 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
             f"run: paddlectl train {_another(target)}",
         )
     for policy in found:
+        if policy.program is None:
+            raise UsageError(
+                f"{policy.id} was learned by {policy.method}, which has no clauses to compare",
+                f"run: paddlectl train {policy.task}",
+            )
         if policy.domain != target.domain:
             raise UsageError(
                 f"{policy.id} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}"
@@ -111,7 +117,9 @@ def _another(target: "Task") -> str:
 
 
 def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":
-    return [registry.policy(task) for task in registry.solved(target.domain) if task != target.name]
+    teaches = entry_of("paddle").teaches
+    solved = registry.solved(target.domain, teaches)
+    return [registry.policy(task, teaches) for task in solved if task != target.name]
 
 
 def similarity_document(

@@ -15,7 +15,7 @@ from paddlectl.cli.options import (
     chosen_seeds,
     complete_tasks,
 )
-from paddlectl.errors import NotFoundError
+from paddlectl.errors import NotFoundError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,6 +52,9 @@ def train(
             show_default=False,
         ),
     ] = None,
+    method: Annotated[
+        str, typer.Option(metavar="M", help="By which: hdm, or ppo or td3 without subgoals.")
+    ] = "hdm",
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
@@ -62,7 +65,7 @@ def train(
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRAINED, table
 
-    asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset)
+    asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset, method)
     ended = run_training(asked, registry, checkpoint_every, jobs)
     if as_json:
         print_json({"runs": ended.rows, "failed": ended.documents()})
@@ -73,13 +76,19 @@ def train(
 
 
 def train_jobs(
-    tasks: "Sequence[str]", seeds: "Sequence[int]", frames: int | None = None, preset: str | None = None
+    tasks: "Sequence[str]",
+    seeds: "Sequence[int]",
+    frames: int | None = None,
+    preset: str | None = None,
+    method: str = "hdm",
 ) -> "list[TrainJob]":
     """One job for each task and seed, the tasks of one seed together.
 
     Raises:
         NotFoundError: If there is no such task, or one of them has no such preset.
+        UsageError: If there is no such method, or it is none for a source.
     """
+    from paddlectl.methods.catalogue import METHODS, entry_of
     from paddlectl.tasks.base import GUIDED
     from paddlectl.tasks.suite import load
 
@@ -89,9 +98,17 @@ def train_jobs(
             has = f"its presets: {', '.join(presets)}" if presets else "it has none: leave out --preset"
             raise NotFoundError(f"{name} has no preset {preset}", has)
 
+    if entry_of(method).teaches is not None:
+        alone = ", ".join(name for name, entry in METHODS.items() if entry.teaches is None)
+        raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {alone}")
+
     from paddlectl.experiments.jobs import TrainJob
 
-    return [TrainJob(task=name, seed=seed, frames=frames, preset=preset) for seed in seeds for name in known]
+    return [
+        TrainJob(task=name, seed=seed, frames=frames, preset=preset, method=method)
+        for seed in seeds
+        for name in known
+    ]
 
 
 def run_training(
@@ -112,5 +129,5 @@ def run_training(
         asked = []
         for job in jobs:
             frames = job.frames or load(job.task).frames(job.preset)
-            asked.append(Asked(job, f"{job.task} seed {job.seed}", "train", "hdm", job.task, frames))
+            asked.append(Asked(job, f"{job.task} seed {job.seed}", "train", job.method, job.task, frames))
         return run(asked, registry, checkpoint_every, at_a_time)

@@ -17,7 +17,7 @@ from paddlectl.cli.options import (
     complete_scenarios,
     file_at,
 )
-from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.errors import NotFoundError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -66,6 +66,7 @@ def transfer(
     """Learn a scenario's target, guided by policies of its sources."""
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.cli.texts import here
+    from paddlectl.methods.catalogue import entry_of
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRANSFERRED, table
@@ -73,10 +74,10 @@ def transfer(
 
     scenario = load_scenario(file)
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
-    method = known_method(method or scenario.method)
-    alone = method == "hdm"  # learns from scratch, so it needs no source and no registry
-    opened = Registry.open(registry, create=train_missing or alone)
-    sources = () if alone else source_policies(opened, scenario, registry, train_missing, jobs)
+    method = method or scenario.method
+    teaches = entry_of(method).teaches
+    opened = Registry.open(registry, create=train_missing or teaches is None)
+    sources = source_policies(opened, scenario, teaches, registry, train_missing, jobs) if teaches else ()
     with stdout_kept():
         from paddlectl.cli.running import Asked, run
 
@@ -102,42 +103,36 @@ def transfer(
     ended.require_all()
 
 
-def known_method(method: str) -> str:
-    """The method itself.
-
-    Raises:
-        UsageError: If there is no such method.
-    """
-    from paddlectl.scenario import METHODS, unknown
-
-    if method not in METHODS:
-        raise UsageError(unknown("method", method, METHODS))
-    return method
-
-
 def source_policies(
     registry: "Registry",
     scenario: "Scenario",
+    teaches: str,
     location: str,
     train_missing: bool,
     at_a_time: int | None = None,
 ) -> tuple[str, ...]:
-    """Ids of the best policies of the scenario's sources; what is missing is trained if that was asked for.
+    """Ids of the best policies of the scenario's sources, learned by the method that `teaches`.
+
+    What is missing is trained if that was asked for.
 
     Raises:
         NotFoundError: If a source has no policy and none is to be trained.
     """
-    solved = registry.solved()
+    from paddlectl.experiments.jobs import TrainJob
+
+    solved = registry.solved(method=teaches)
     missing = [task for task in scenario.sources if task not in solved]
     if missing and not train_missing:
+        by = "" if teaches == TrainJob.method else f" --method {teaches}"
         raise NotFoundError(
-            f"no policy for {', '.join(missing)}", f"run: paddlectl train {' '.join(missing)}"
+            f"no policy for {', '.join(missing)} by {teaches}",
+            f"run: paddlectl train {' '.join(missing)}{by}",
         )
     if missing:
         from paddlectl.cli.train import run_training, train_jobs
 
-        run_training(train_jobs(missing, (0,)), location, at_a_time=at_a_time).require_all()
-    return tuple(registry.policy(task).id for task in scenario.sources)
+        run_training(train_jobs(missing, (0,), method=teaches), location, at_a_time=at_a_time).require_all()
+    return tuple(registry.policy(task, teaches).id for task in scenario.sources)
 
 
 def transfer_jobs(

@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from importlib.metadata import distributions, version
 from typing import Any, NamedTuple
 
+from paddlectl.agents.base import Episode
+from paddlectl.agents.interaction import Round
 from paddlectl.errors import IntegrityError
 from paddlectl.experiments.curves import Curve
 from paddlectl.experiments.jobs import Progress
-from paddlectl.agents.base import Episode
-from paddlectl.agents.interaction import Round
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 

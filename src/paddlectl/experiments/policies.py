@@ -20,6 +20,9 @@ from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Task
 from paddlectl.tasks.suite import load
 
+MADE_AS = {"random": "hdm"}
+"""A policy's method -> the one that makes such policies, where it is another."""
+
 EVALUATION_EPISODES = 200
 EVALUATION_SEED = 12345
 
@@ -79,7 +82,7 @@ def revive(registry: Registry, record: PolicyRecord) -> Policy:
         IntegrityError: If the checkpoint isn't what was stored, or of another shape than its task asks for,
             or if this version can't read its settings.
     """
-    task, method = load(record.task), method_of(record.method)
+    task, method = load(record.task), method_of(MADE_AS.get(record.method, record.method))
     try:
         _require_symbols(record, task)
         policy = method.policy(task, record.seed, _settings_of(registry, record, task, method))

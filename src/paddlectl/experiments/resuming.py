@@ -5,18 +5,18 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from paddlectl.agents.settings import restored
 from paddlectl.errors import IntegrityError
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.pace import Pace, require_resumable
-from paddlectl.experiments.sources import preset, train_source
-from paddlectl.experiments.transfers import run_transfer
-from paddlectl.hybrid.policy import settings_from
+from paddlectl.experiments.runner import run_transfer, train_source
+from paddlectl.methods.base import method_of
 from paddlectl.registry import fields
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
+from paddlectl.tasks.base import Task
 from paddlectl.tasks.suite import load
-from paddlectl.transfer.guidance import GuidanceSettings
 
 
 def resume(run: str, registry: Registry, report: Callable[[Progress], None], pace: Pace) -> dict[str, Any]:
@@ -46,27 +46,32 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
     Raises:
         IntegrityError: If this version can't read its settings.
     """
-    told = run.settings
+    told, task = run.settings, load(run.task)
     try:
-        frames = _budget(told["frames"])
-        preset(load(run.task), told.get("preset"))  # is known
-        hybrid = dataclasses.asdict(settings_from(load(run.task), told["hybrid"]))
+        method, frames = method_of(run.method), _budget(told["frames"])
+        changes = dataclasses.asdict(method.settings_from(task, told["learning"]))
         if run.kind == "train":
-            return TrainJob(run.task, run.seed, frames, hybrid, told.get("preset"))
+            return TrainJob(run.task, run.seed, frames, changes, _preset(task, told["preset"]), method.name)
         return TransferJob(
             scenario=_scenario(told["scenario"]),
             sources=run.sources,
-            method=run.method,
+            method=method.name,
             seed=run.seed,
             frames=frames,
-            rules=GuidanceSettings(**told["guidance"]),
-            hybrid=hybrid,
+            rules=told["rules"] and restored(method.rules_for(task), told["rules"], "rules"),
+            changes=changes,
         )
     except (KeyError, TypeError, ValueError) as error:
         raise IntegrityError(
             f"the settings of {run.id} aren't what this version writes: {str(error)[:100]}",
             "go on with the version of paddlectl that the run began with",
         ) from error
+
+
+def _preset(task: Task, name: Any) -> str | None:
+    if name is not None and name not in task.presets:
+        raise ValueError(f"there is no preset {str(name)[:60]!r}")
+    return None if name is None else str(name)
 
 
 def _budget(frames: Any) -> int:

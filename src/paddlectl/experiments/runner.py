@@ -1,4 +1,4 @@
-"""One run of any method: it learns, is recorded and checkpointed, and what it learned is kept and evaluated."""
+"""One run of any method: recorded and checkpointed, and what it learned is evaluated and kept."""
 
 import dataclasses
 from collections.abc import Callable
@@ -15,6 +15,7 @@ from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.policies import keep, revive
 from paddlectl.logic.syntax import parse_program
 from paddlectl.methods.base import Method, Setup, Source, method_of
+from paddlectl.methods.catalogue import entry_of
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Task
@@ -90,7 +91,7 @@ def run_transfer(
     require_actions(method, task)
     settings = method.settings_for(task, job.scenario, job.changes)
     rules = job.rules or method.rules_for(task)
-    reused = () if method.sources == "none" else job.sources
+    reused = () if entry_of(method.name).teaches is None else job.sources
     pace = pace or Pace()
     run = pace.begin(
         registry,
@@ -167,9 +168,9 @@ def require_actions(method: Method, task: Task) -> None:
         UsageError: If it can't.
     """
     kind = "continuous" if task.make(1, 0).actions.continuous else "discrete"
-    if kind not in method.actions:
-        others = ", ".join(sorted(method.actions))
-        raise UsageError(f"{method.name} is for {others} actions; those of {task.name} are {kind}")
+    known = entry_of(method.name).actions
+    if kind not in known:
+        raise UsageError(f"{method.name} is for {', '.join(known)} actions; those of {task.name} are {kind}")
 
 
 def _source(registry: Registry, policy: str) -> Source:
@@ -189,11 +190,11 @@ def random_source(task: str, seed: int, registry: Registry) -> PolicyRecord:
 
     Its method is `random`. It is the best policy of its task only while no other solves more.
     """
-    method, loaded = method_of("random"), load(task)
+    method, loaded = method_of("hdm"), load(task)
     settings = method.settings_for(loaded, None)
     run = registry.add_run(
         kind="train",
-        method=method.name,
+        method="random",
         task=task,
         scenario=None,
         sources=(),

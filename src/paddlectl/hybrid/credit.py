@@ -141,7 +141,14 @@ class MonteCarloCredit:
     def decided(self, outcome: Outcome) -> None:
         """Keeps the decisions until their episodes end."""
         imitate = (outcome.guides != TARGET) & outcome.reached
-        columns = (outcome.lanes, outcome.situations // LEVELS, outcome.heads, outcome.rewards, imitate, outcome.done)
+        columns = (
+            outcome.lanes,
+            outcome.situations // LEVELS,
+            outcome.heads,
+            outcome.rewards,
+            imitate,
+            outcome.done,
+        )
         for lane, scene, head, reward, imitated, done in zip(*(c.tolist() for c in columns), strict=True):
             self._going_on.setdefault(lane, []).append((scene, head, reward, imitated))
             if done:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from paddlectl.agents.settings import changed, restored
 from paddlectl.hybrid.credit import Credit, CreditSettings, credit
@@ -18,7 +19,6 @@ from paddlectl.learners.td3 import TD3Settings
 from paddlectl.logic.clauses import Clause, Program
 from paddlectl.logic.templates import scenes
 from paddlectl.tasks.base import FRAMES, Bools, Floats, Ints, Task
-
 
 ON_PATH = 0.05
 """A scene is on a policy's path if at least this share of its episodes come through it."""
@@ -96,6 +96,7 @@ class HybridPolicy:
             seed,
             settings.clauses,
         )
+        self.scene_count = len(self.clauses.bodies)
         self.low_level: Learner = settings.low_level.learner(
             environment.observation_size, environment.actions.size, seed
         )
@@ -121,13 +122,13 @@ class HybridPolicy:
         """
         return self.program(np.flatnonzero(passed), EXECUTED), self.crispness(passed / episodes)
 
-    def crispness(self, shares: Floats) -> float:
-        """Smallest best-clause probability over the scenes that at least ON_PATH of episodes pass; 0 if none."""
+    def crispness(self, shares: NDArray[Any]) -> float:
+        """Smallest best-clause probability over scenes that at least ON_PATH of episodes pass; 0 if none."""
         best = self.clauses.probabilities().max(-1)[shares >= ON_PATH]
         return float(best.min()) if len(best) else 0.0
 
     def player(self, task: Task, environments: int, seed: np.random.SeedSequence) -> Rollout:
-        """Plays by the sharpened program and the frozen low level, and learns nothing; all chance is `seed`'s.
+        """Plays by the sharpened program and the frozen low level; all chance is `seed`'s.
 
         The task may be another than the policy's, of the same domain: its facts are then read in the policy's
         own vocabulary.
@@ -150,11 +151,6 @@ class HybridPolicy:
     def credit(self) -> Credit:
         """A new account of decisions for its clause weights to learn from."""
         return credit(self.clauses, task_heads(self.task), self.settings.credit)
-
-    @property
-    def scene_count(self) -> int:
-        """S."""
-        return len(self.clauses.bodies)
 
     def settings_document(self) -> dict[str, Any]:
         """Its settings as JSON-able values."""

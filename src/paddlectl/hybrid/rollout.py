@@ -143,7 +143,7 @@ class Rollout:
         self._pending = np.ones(lanes, np.bool_)
         self._scene = np.zeros(lanes, np.intp)
         self._restarted = True
-        self._passed: list[set[int]] = [set() for _ in range(lanes)]
+        self._passed: list[dict[int, None]] = [{} for _ in range(lanes)]  # as sets
         self._ended: dict[int, tuple[int, ...]] = {}
 
     def act(self, environment: Environment) -> NDArray[Any]:
@@ -235,7 +235,7 @@ class Rollout:
             next_scenes[lanes] * LEVELS + self._level[lanes],
         )
         for lane, scene in zip(lanes.tolist(), scenes.tolist(), strict=True):
-            self._passed[lane].add(scene)
+            self._passed[lane][scene] = None
         for witness in self._witnesses:
             witness.decided(outcome)
 
@@ -245,4 +245,4 @@ class Rollout:
         self._ended = {lane: tuple(sorted(self._passed[lane])) for lane in lanes.tolist()}
         self._level[lanes] = 0
         for lane in self._ended:
-            self._passed[lane] = set()
+            self._passed[lane] = {}

@@ -3,22 +3,12 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 from paddlectl.agents.base import Agent, Policy
-from paddlectl.errors import UsageError
 from paddlectl.logic.clauses import Program
-from paddlectl.registry.names import nearest, shown
+from paddlectl.methods.catalogue import entry_of
 from paddlectl.tasks.base import Task
-
-METHODS = {
-    "paddle": "paddlectl.methods.paddle:PADDLE",
-    "hdm": "paddlectl.methods.hdm:HDM",
-    "random": "paddlectl.methods.hdm:RANDOM",
-    "ppo": "paddlectl.methods.flat:FLAT_PPO",
-    "td3": "paddlectl.methods.flat:FLAT_TD3",
-}
-"""Name -> module:attribute."""
 
 
 class Source(NamedTuple):
@@ -59,14 +49,10 @@ class Setup(NamedTuple):
 
 @dataclass(frozen=True)
 class Method:
-    """A way to learn.
+    """What a method of the catalogue does.
 
     Attributes:
         name: As typed, and as kept with runs and policies.
-        summary: One line for a reader.
-        sources: Whether it reuses policies.
-        teaches: The method whose policies it reuses; None for one that reuses none.
-        actions: Which actions it can choose, `discrete` or `continuous`.
         settings_for: Its numbers for a task and a scenario (None for a source), with changes such as
             `{"credit": {"planned": False}}`.
         settings_from: Those that were stored; what is missing is as in the last argument, or usual.
@@ -76,10 +62,6 @@ class Method:
     """
 
     name: str
-    summary: str
-    sources: Literal["none", "many"]
-    teaches: str | None
-    actions: frozenset[str]
     settings_for: Callable[..., Any]
     settings_from: Callable[..., Any]
     rules_for: Callable[[Task], Any]
@@ -93,9 +75,6 @@ def method_of(name: str) -> Method:
     Raises:
         UsageError: If there is none; with the nearest name.
     """
-    if name not in METHODS:
-        near = nearest(name, tuple(METHODS))
-        raise UsageError(f"no method {shown(name)}", f"{near}one of: {', '.join(METHODS)}")
-    module, _, attribute = METHODS[name].partition(":")
+    module, _, attribute = entry_of(name).where.partition(":")
     method: Method = getattr(import_module(module), attribute)
     return method

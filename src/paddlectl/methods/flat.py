@@ -35,7 +35,7 @@ def make(setup: Setup) -> FlatAgent:
     return FlatAgent(policy, np.random.default_rng(np.random.SeedSequence(setup.seed).spawn(2)[1]))
 
 
-def _method(name: str, actions: str, summary: str) -> Method:
+def _method(name: str) -> Method:
     def settings_for(_: Task, __: Any, *changes: Mapping[str, Any]) -> FlatSettings:
         settings = USUAL[name]
         for change in changes:
@@ -48,10 +48,6 @@ def _method(name: str, actions: str, summary: str) -> Method:
 
     return Method(
         name=name,
-        summary=summary,
-        sources="none",
-        teaches=None,
-        actions=frozenset({actions}),
         settings_for=settings_for,
         settings_from=settings_from,
         rules_for=lambda _: None,
@@ -60,5 +56,5 @@ def _method(name: str, actions: str, summary: str) -> Method:
     )
 
 
-FLAT_PPO = _method("ppo", "discrete", "proximal policy optimisation on the whole state, without subgoals")
-FLAT_TD3 = _method("td3", "continuous", "twin delayed DDPG on the whole state, without subgoals")
+FLAT_PPO = _method("ppo")
+FLAT_TD3 = _method("td3")

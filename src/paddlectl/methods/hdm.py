@@ -1,9 +1,8 @@
-"""The hybrid decision model from scratch: a differentiable logic program picks subgoals, PPO or TD3 reaches them.
+"""The hybrid decision model from scratch: a logic program picks subgoals, PPO or TD3 reaches them.
 
 Cao et al. (2022), GALOIS, with the deviations that docs/method.md lists.
 """
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,14 +27,9 @@ def _settings(task: Task, _: Any, *changes: Any) -> HybridSettings:
 
 HDM = Method(
     name="hdm",
-    summary="the hybrid model from scratch: a logic program picks subgoals, PPO or TD3 reaches them",
-    sources="none",
-    teaches=None,
-    actions=frozenset({"discrete", "continuous"}),
     settings_for=_settings,
     settings_from=settings_from,
     rules_for=lambda _: None,
     make=make,
     policy=HybridPolicy,
 )
-RANDOM = replace(HDM, name="random", summary="the hybrid model before it has learned anything")

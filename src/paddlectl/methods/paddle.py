@@ -134,7 +134,7 @@ def _shapes(learner: Learner) -> dict[str, tuple[int, ...]]:
 
 
 def _settings(task: Task, scenario: Scenario, *changes: Mapping[str, Any]) -> HybridSettings:
-    """Those of `hdm`; who inherits learns by the task's preset `guided`, and `guidance: paper` has its own."""
+    """Those of `hdm`; who inherits learns by the task's preset `guided`, `guidance: paper` by its own."""
     readings = scenario.guidance.readings()
     if readings is None:
         return settings_for(task, task.presets.get(GUIDED, {}), *changes)
@@ -154,10 +154,6 @@ def _rules(task: Task) -> GuidanceSettings:
 
 PADDLE = Method(
     name="paddle",
-    summary="logic and performance similarity pick a source that acts; the hybrid model learns",
-    sources="many",
-    teaches="hdm",
-    actions=frozenset({"discrete", "continuous"}),
     settings_for=_settings,
     settings_from=settings_from,
     rules_for=_rules,

@@ -97,8 +97,9 @@ def _members(
     }
     members = {"config.json": _json(config), "results.json": _json(results)}
     if policy:
-        members["program.txt"] = policy.program.encode()
-        members["program.pl"] = format_prolog(_program(policy.program, policy.id)).encode()
+        if policy.program is not None:
+            members["program.txt"] = policy.program.encode()
+            members["program.pl"] = format_prolog(_program(policy.program, policy.id)).encode()
         members["model.safetensors"] = checkpoint
     members |= {f"run/{name}": tables[name] for name in sorted(tables)}
     readme = card(config, results, ["README.md", *members, "manifest.json"]).encode()
@@ -146,7 +147,8 @@ def import_(opened: Callable[[], Registry], path: Path) -> dict[str, Any]:
     run["results"] = results["run"]
     policy = config["policy"]
     if policy is not None:
-        policy |= results["policy"] | {"program": members["program.txt"].decode()}
+        program = members["program.txt"].decode() if "program.txt" in members else None
+        policy |= results["policy"] | {"program": program}
     with opened() as registry:
         return registry.adopt(run, tables, policy, members.get("model.safetensors", b""))
 
@@ -176,7 +178,9 @@ def _checked(members: dict[str, bytes]) -> tuple[Any, Any, dict[str, bytes]]:
     policy = config["policy"]
     tables = {name[4:]: data for name, data in members.items() if name.startswith("run/")}
     expected = ["README.md", "config.json", "results.json"]
-    expected += ["program.txt", "program.pl", "model.safetensors"] if policy is not None else []
+    if policy is not None:
+        expected += ["program.txt", "program.pl"] if "program.txt" in members else []
+        expected += ["model.safetensors"]
     if list(members) != expected + [f"run/{name}" for name in sorted(tables)]:
         raise IntegrityError("it has other files than a bundle has")
     _demand(config["run"], fields.RUN, "run")
@@ -184,7 +188,8 @@ def _checked(members: dict[str, bytes]) -> tuple[Any, Any, dict[str, bytes]]:
     if policy is not None:
         _demand(policy, fields.POLICY, "policy")
         _demand(results["policy"], fields.FIGURES, "results")
-        _program(members["program.txt"].decode(), "it")
+        if "program.txt" in members:
+            _program(members["program.txt"].decode(), "it")
         _demand_tensors(members["model.safetensors"])
     for name, data in tables.items():
         _demand_table(name, data)

@@ -70,6 +70,6 @@ _HOLDS = {
     "results.json": "its figures",
     "program.txt": "the clause program, each clause with its probability",
     "program.pl": "the same as Prolog",
-    "model.safetensors": "clause weights and networks",
+    "model.safetensors": "networks, and clause weights if there are any",
     "manifest.json": "the SHA-256 of every file",
 }

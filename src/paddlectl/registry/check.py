@@ -158,12 +158,12 @@ def _run_row(report: Report, name: str, row: dict[str, Any], sources: Iterable[s
 def _policy_row(report: Report, name: str, row: dict[str, Any]) -> None:
     if f"run-{row['run']}" not in report.rows:
         report.add("missing run", name, f"its run run-{row['run']} isn't there")
-    if not all(0.0 <= row[rate] <= 1.0 for rate in _RATES):
+    if not all(row[rate] is None or 0.0 <= row[rate] <= 1.0 for rate in _RATES):
         report.add("impossible row", name, "a rate outside [0, 1]")
     if not OBJECT.fullmatch(f"{row['checkpoint']}.safetensors"):
         report.add("impossible row", name, "its checkpoint is no SHA-256")
     try:
-        parse_program(row["program"])
+        parse_program(row["program"] or "")
     except InvalidFileError as error:
         report.add("damaged program", name, f"its program can't be read: {error.message}")
 

@@ -72,7 +72,7 @@ POLICY = {
     "metadata": dict,
 }
 FIGURES = {"success_rate": _RATE, "mean_score": _FINITE, "mean_length": _FINITE, "crispness": _RATE}
-OPTIONAL = frozenset({"scenario", "finished"})
+OPTIONAL = frozenset({"scenario", "finished", "crispness"})
 
 
 def misfit(

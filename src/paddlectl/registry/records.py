@@ -54,10 +54,10 @@ class PolicyRecord:
     Attributes:
         id: `policy-7`.
         run: The run that made it.
-        program: Its clause program as text (`logic.syntax`).
+        program: Its clause program as text (`logic.syntax`); None of a method without clauses.
         checkpoint: SHA-256 of its safetensors object.
         success_rate: On unseen layouts at the end of training, as are the scores and lengths.
-        crispness: Smallest best-clause probability over the scenes on its path.
+        crispness: Smallest best-clause probability over the scenes on its path; None likewise.
     """
 
     id: str
@@ -67,12 +67,12 @@ class PolicyRecord:
     method: str
     seed: int
     frames: int
-    program: str
+    program: str | None
     checkpoint: str
     success_rate: float
     mean_score: float
     mean_length: float
-    crispness: float
+    crispness: float | None
     created: str
     metadata: dict[str, Any] = field(default_factory=dict)
 

@@ -23,7 +23,7 @@ from paddlectl.registry.documents import from_json
 from paddlectl.registry.records import PolicyRecord, RunRecord
 
 # Every revision in migrations/versions, oldest first. Kept here so that reading needs no alembic.
-REVISIONS = ("0001", "0002", "0003")
+REVISIONS = ("0001", "0002", "0003", "0004")
 
 # Named, because SQLite's batch migrations can only change constraints that have names.
 metadata = MetaData(
@@ -70,12 +70,12 @@ policies = Table(
     Column("method", Text, nullable=False),
     Column("seed", Long, nullable=False),
     Column("frames", Long, nullable=False),
-    Column("program", Text, nullable=False),
+    Column("program", Text),
     Column("checkpoint", Text, nullable=False),
     Column("success_rate", Float, nullable=False),
     Column("mean_score", Float, nullable=False),
     Column("mean_length", Float, nullable=False),
-    Column("crispness", Float, nullable=False),
+    Column("crispness", Float),
     Column("created", Text, nullable=False),
     Column("metadata", Text, nullable=False),
     sqlite_autoincrement=True,

@@ -235,12 +235,12 @@ class Registry(Entry):
         method: str,
         seed: int,
         frames: int,
-        program: str,
+        program: str | None,
         checkpoint: bytes,
         success_rate: float,
         mean_score: float,
         mean_length: float,
-        crispness: float,
+        crispness: float | None,
         metadata: Mapping[str, Any],
     ) -> PolicyRecord:
         """Stores a policy: its checkpoint first, then all else in one transaction.
@@ -260,7 +260,7 @@ class Registry(Entry):
             "success_rate": _unsigned(success_rate),
             "mean_score": _unsigned(mean_score),
             "mean_length": _unsigned(mean_length),
-            "crispness": _unsigned(crispness),
+            "crispness": None if crispness is None else _unsigned(crispness),
             "created": _now(),
             "metadata": dict(metadata),
         }
@@ -275,8 +275,8 @@ class Registry(Entry):
             self._publish(connection, f"policy-{number}")
             return find_policy(connection, number)
 
-    def policy(self, name: str) -> PolicyRecord:
-        """The policy of an id such as `policy-7`, or the best one of a task.
+    def policy(self, name: str, method: str | None = None) -> PolicyRecord:
+        """The policy of an id such as `policy-7`, or the best one of a task, of one method or of all.
 
         The best has the highest success rate, then the highest mean score, then it is the newest.
 
@@ -287,7 +287,7 @@ class Registry(Entry):
             number = number_of(name, "policy")
             if number is not None:
                 return find_policy(connection, number)
-            return best_policy(connection, name)
+            return best_policy(connection, name, method)
 
     def policies(self) -> list[PolicyRecord]:
         """All policies, newest first."""
@@ -299,11 +299,13 @@ class Registry(Entry):
             newest_first = select(policies).order_by(policies.c.id.desc()).limit(most)
             return policy_records(connection.execute(newest_first)), count(connection, policies)
 
-    def solved(self, domain: str | None = None) -> list[str]:
-        """The tasks that have a policy, those of one domain or all, by name."""
+    def solved(self, domain: str | None = None, method: str | None = None) -> list[str]:
+        """The tasks that have a policy, those of one domain or all, of one method or of all, by name."""
         tasks = select(policies.c.task).distinct().order_by(policies.c.task)
         if domain is not None:
             tasks = tasks.where(policies.c.domain == domain)
+        if method is not None:
+            tasks = tasks.where(policies.c.method == method)
         with self._transaction(self._reading) as connection:
             return [str(task) for task in connection.scalars(tasks)]
 

@@ -19,13 +19,13 @@ MAIN = 0.5
 
 
 def stored_program(policy: PolicyRecord) -> Program:
-    """The policy's program, parsed.
+    """The policy's program, parsed; an empty one of a method without clauses.
 
     Raises:
         IntegrityError: If what is stored is no program.
     """
     try:
-        return parse_program(policy.program)
+        return parse_program(policy.program or "")
     except InvalidFileError as error:
         raise IntegrityError(
             f"the program of {policy.id} is damaged: {error.message}",
@@ -67,6 +67,8 @@ def unmet_scenes(program: Program) -> tuple[Body, ...]:
 
 def program_parts(document: dict[str, Any]) -> list[RenderableType]:
     """The raw program with its probabilities, and the minimised one."""
+    if not document["clauses"]:
+        return [f"{clean(document['policy'])} for {clean(document['task'])} has no clause program."]
     raw = [
         (f"{clause['probability']:.2f} ::", clause["head"], ", ".join(clause["body"]))
         for clause in document["clauses"]
