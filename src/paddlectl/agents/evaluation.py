@@ -7,7 +7,7 @@ import numpy as np
 from paddlectl.agents.base import Policy
 from paddlectl.agents.interaction import Interaction
 from paddlectl.logic.clauses import Program
-from paddlectl.tasks.base import Task
+from paddlectl.tasks.base import Split, Task
 
 LANES = 1000
 """Most episodes that an evaluation plays side by side. Chance is drawn for all of them together, so another
@@ -35,13 +35,13 @@ class Evaluation:
     crispness: float | None
 
 
-def evaluate(policy: Policy, task: Task, episodes: int, seed: int) -> Evaluation:
-    """Plays the first `episodes` evaluation layouts of `seed`, each once; nothing is learned.
+def evaluate(policy: Policy, task: Task, episodes: int, seed: int, split: Split = "evaluation") -> Evaluation:
+    """Plays the first `episodes` layouts of `seed` and of that split, each once; nothing is learned.
 
     A lane whose episode ends takes the next layout, so that memory is that of `LANES` episodes at most. All
     chance comes from `seed`: whoever evaluates the same policy gets the same figures.
     """
-    environment = task.make(min(episodes, LANES), seed, policy.action_repeat, "evaluation")
+    environment = task.make(min(episodes, LANES), seed, policy.action_repeat, split)
     player = policy.player(task, environment.lanes, np.random.SeedSequence(seed))
     interaction = Interaction(environment, player)
     passed = np.zeros(policy.scene_count, np.intp)

@@ -38,6 +38,18 @@ METHODS: Mapping[str, Entry] = {
         None,
         _ANY,
     ),
+    "hdqn": Entry(
+        "paddlectl.methods.hdqn:HDQN",
+        "a DQN picks subgoals, the hybrid model's low level reaches them",
+        None,
+        _ANY,
+    ),
+    "finetune": Entry(
+        "paddlectl.methods.finetune:FINETUNE",
+        "the hybrid model goes on from one source: its clause weights, where they match, and its low level",
+        "hdm",
+        _ANY,
+    ),
     "ppo": Entry(
         "paddlectl.methods.flat:FLAT_PPO",
         "proximal policy optimisation on the whole state, without subgoals",

@@ -1,0 +1,90 @@
+"""GALOIS fine-tuning (Cao et al., 2022): the hybrid model starts as one source, and learns on.
+
+1. For each source: the target starts with the source's clause weights where head and body match, all others
+   as usual, N(0, 0.1); and with its low level.
+2. The start that solves most of the target, before anything is learned, is taken.
+3. `hdm` goes on from it.
+
+A clause of the source matches one of the target with the same head whose body contains its own: a target
+knows facts that its sources don't.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+
+from paddlectl.agents.evaluation import evaluate
+from paddlectl.errors import UsageError
+from paddlectl.hybrid.agent import HybridAgent
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, OwnProgram, settings_for, settings_from
+from paddlectl.learners.clauses import ClauseLearner
+from paddlectl.methods.base import Method, Setup
+from paddlectl.tasks.base import Task
+
+TRIALS = 64
+"""Episodes, on training layouts, by which the source is chosen. Their frames aren't counted."""
+
+
+class FinetuneAgent(HybridAgent):
+    """`hdm`, and how its start was chosen."""
+
+    def __init__(self, learner: HybridPolicy, seed: int, starts: Mapping[str, float], chosen: str) -> None:
+        layouts, choices = np.random.SeedSequence(seed).spawn(2)
+        chooser = OwnProgram(learner, np.random.default_rng(choices))
+        actions = np.random.default_rng(layouts.spawn(1)[0])
+        super().__init__(learner, chooser, [learner.low_level], actions)
+        self._start = {"chosen": chosen, "success_before_learning": dict(starts)}
+
+    def documents(self) -> Mapping[str, Any]:
+        """Which source it started from, and how well each would have done."""
+        return {"start": self._start}
+
+
+def make(setup: Setup) -> FinetuneAgent:
+    """The target as the best of its sources would start it."""
+    if not setup.sources:
+        raise UsageError("finetune needs a source")
+    starts = {source.id: start_from(source.policy, setup) for source in setup.sources}
+    solved = {
+        name: evaluate(start, setup.task, TRIALS, setup.seed, "training").success_rate
+        for name, start in starts.items()
+    }
+    chosen = max(solved, key=lambda name: solved[name])
+    return FinetuneAgent(starts[chosen], setup.seed, solved, chosen)
+
+
+def start_from(source: Any, setup: Setup) -> HybridPolicy:
+    """The target before it learns, with what it takes from a source."""
+    target = HybridPolicy(setup.task, setup.seed, setup.settings)
+    take_clauses(target.clauses, source.clauses)
+    theirs, own = source.low_level.state(), target.low_level.state()
+    if {name: tensor.shape for name, tensor in theirs.items()} == {n: t.shape for n, t in own.items()}:
+        target.low_level.inherit(theirs, 1.0)
+    return target
+
+
+@torch.no_grad()
+def take_clauses(target: ClauseLearner, source: ClauseLearner) -> None:
+    """Copies the weights of the source's clauses that match."""
+    columns = [(target.heads.index(head), h) for h, head in enumerate(source.heads) if head in target.heads]
+    for row, body in enumerate(target.bodies):
+        for theirs, known in enumerate(source.bodies):
+            if known <= body:
+                for own, column in columns:
+                    target.weights[row, own] = source.weights[theirs, column]
+
+
+def _settings(task: Task, _: Any, *changes: Any) -> HybridSettings:
+    return settings_for(task, *changes)
+
+
+FINETUNE = Method(
+    name="finetune",
+    settings_for=_settings,
+    settings_from=settings_from,
+    rules_for=lambda _: None,
+    make=make,
+    policy=HybridPolicy,
+)

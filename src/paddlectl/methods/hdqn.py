@@ -1,0 +1,277 @@
+"""h-DQN (Kulkarni et al., 2016): a DQN picks subgoals, the hybrid model's low level reaches them.
+
+1. The meta-controller sees the whole state and picks a subgoal, ε-greedily.
+2. The controller acts until the decision ends; it is paid for reaching the subgoal, as in `hdm`.
+3. The meta-controller learns from (state, subgoal, sum of the rewards in between, state), the controller as
+   in `hdm`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from paddlectl.agents.base import Episode, ReuseRow, Tables
+from paddlectl.agents.settings import changed, restored
+from paddlectl.hybrid.policy import domain_heads, settings_for, task_heads
+from paddlectl.hybrid.rollout import DecisionSettings, Outcome, Rollout
+from paddlectl.learners.base import Learner, LearnerSettings
+from paddlectl.learners.buffers import TARGET, RolloutBuffer
+from paddlectl.learners.clauses import ClauseLearner, ClauseSettings
+from paddlectl.learners.dqn import DQN, Batch, DQNSettings
+from paddlectl.learners.ppo import PPOSettings
+from paddlectl.logic.templates import scenes
+from paddlectl.methods.base import Method, Setup
+from paddlectl.tasks.base import FRAMES, Environment, Floats, Ints, Step, Task
+
+
+@dataclass(frozen=True)
+class HDQNSettings:
+    """Every number of h-DQN; but for `meta` they are those of the hybrid model.
+
+    Attributes:
+        frames: The usual budget.
+        lanes: Environments side by side.
+        block: Steps of every environment between two updates.
+        repeat: Steps of the task that one action lasts.
+        meta: The meta-controller's.
+        discounts: γ of a decision, by its length.
+        low_level: The controller's.
+        decisions: When a decision ends, and what the controller gets for it.
+    """
+
+    frames: int = FRAMES
+    lanes: int = 64
+    block: int = 32
+    repeat: int = 1
+    meta: DQNSettings = field(default_factory=DQNSettings)
+    discounts: ClauseSettings = field(default_factory=ClauseSettings)
+    low_level: LearnerSettings = field(default_factory=PPOSettings)
+    decisions: DecisionSettings = field(default_factory=DecisionSettings)
+
+
+class HDQNPolicy:
+    """A meta-controller over the task's subgoals, and a controller.
+
+    Attributes:
+        task: The task.
+        settings: Of the method.
+        meta: Q of every subgoal of the task.
+        low_level: The controller.
+        action_repeat: Steps of the task that one action lasts.
+        scene_count: 0: it has no clauses.
+    """
+
+    scene_count = 0
+
+    def __init__(self, task: Task, seed: int, settings: HDQNSettings) -> None:
+        environment = task.make(1, 0)
+        self.task = task
+        self.settings = settings
+        self.action_repeat = settings.repeat
+        self.meta = DQN(environment.flat_size, len(task.heads), seed, settings.meta)
+        self.low_level: Learner = settings.low_level.learner(
+            environment.observation_size, environment.actions.size, seed
+        )
+        self._sizes = environment.observation_size, environment.actions.shape, environment.actions.dtype
+
+    def player(self, task: Task, environments: int, seed: np.random.SeedSequence) -> "HDQNPlayer":
+        """Plays its best subgoals by the frozen controller; all chance is `seed`'s."""
+        choices, actions = map(np.random.default_rng, seed.spawn(2))
+        chooser = MetaController(self, environments, choices, learns=False)
+        rollout = self.rollout(task, environments, chooser, self.low_level.frozen(), 1, actions)
+        return HDQNPlayer(rollout, chooser)
+
+    def rollout(
+        self,
+        task: Task,
+        environments: int,
+        chooser: "MetaController",
+        actor: Any,
+        steps: int,
+        rng: np.random.Generator,
+    ) -> Rollout:
+        """The decisions of so many environments; a decision also ends when a fact changes, as in `hdm`."""
+        atoms = task.vocabulary.atoms
+        reader = ClauseLearner(atoms, scenes(atoms, task.vocabulary.exclusions), task.heads, 0)
+        buffer = RolloutBuffer.empty(steps, environments, *self._sizes)
+        witnesses = [chooser] if chooser.learns else []
+        return Rollout(
+            environments, reader, chooser, [actor], self.settings.decisions, buffer, rng, witnesses
+        )
+
+    def played_program(self, passed: Ints, episodes: int) -> tuple[None, None]:
+        """No program, and no crispness."""
+        return None, None
+
+    def settings_document(self) -> dict[str, Any]:
+        """Its settings as JSON-able values."""
+        return asdict(self.settings)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """All tensors by name."""
+        return {**self.meta.state(), **self.low_level.state()}
+
+    def load(self, state: dict[str, torch.Tensor]) -> None:
+        """Takes all tensors from `state`."""
+        self.meta.load(state)
+        self.low_level.load(state)
+
+
+class MetaController:
+    """Chooses subgoals by Q, and learns from what came of them.
+
+    Args:
+        policy: Whose Q.
+        lanes: B.
+        rng: Of its draws.
+        learns: Whether it explores, and keeps what it sees.
+
+    Attributes:
+        state: What it sees now. [B, F]
+    """
+
+    def __init__(
+        self, policy: HDQNPolicy, lanes: int, rng: np.random.Generator, *, learns: bool = True
+    ) -> None:
+        self.learns = learns
+        self.state: Floats = np.zeros((lanes, 0), np.float32)
+        self._policy = policy
+        self._rng = rng
+        self._began: list[Floats | None] = [None] * lanes
+        self._domain_head = domain_heads(policy.task)
+        self._own_head = task_heads(policy.task)
+
+    def refresh(self) -> None:
+        """Nothing: Q is read anew at each choice."""
+
+    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+        """Its own controller, and a subgoal for each lane. [n], [n]"""
+        states = self.state[lanes]
+        for lane, state in zip(lanes, states, strict=True):
+            self._began[lane] = state
+        meta = self._policy.meta
+        chosen = meta.act(states, self._rng) if self.learns else meta.values(states).argmax(-1)
+        return np.full(len(lanes), TARGET), self._domain_head[chosen]
+
+    def decided(self, outcome: Outcome) -> None:
+        """Learns from the decisions that ended; `state` is what they led to."""
+        discounts = self._policy.settings.discounts.discounts(outcome.steps)
+        began = np.stack([self._began[lane] for lane in outcome.lanes])
+        self._policy.meta.learn(
+            Batch(
+                began,
+                self._own_head[outcome.heads],
+                (discounts * outcome.rewards).astype(np.float32),
+                np.where(outcome.terminated, 0.0, discounts).astype(np.float32),
+                self.state[outcome.lanes],
+            )
+        )
+
+
+class HDQNPlayer:
+    """Acts by a rollout whose chooser sees the whole state."""
+
+    def __init__(self, rollout: Rollout, chooser: MetaController) -> None:
+        self.rollout = rollout
+        self.chooser = chooser
+
+    def act(self, environment: Environment) -> NDArray[Any]:
+        """[B, ...]"""
+        self.chooser.state = environment.flat_state()
+        return self.rollout.act(environment)
+
+    def observe(self, environment: Environment, step: Step) -> None:
+        """Ends decisions."""
+        self.chooser.state = environment.flat_state()
+        self.rollout.observe(environment, step)
+
+    def scenes(self, lane: int) -> tuple[int, ...]:
+        """None."""
+        return ()
+
+
+class HDQNAgent(HDQNPlayer):
+    """Both levels learn at once."""
+
+    def __init__(self, policy: HDQNPolicy, seed: int) -> None:
+        settings = policy.settings
+        layouts, choices = np.random.SeedSequence(seed).spawn(2)
+        actions = np.random.default_rng(layouts.spawn(1)[0])
+        chooser = MetaController(policy, settings.lanes, np.random.default_rng(choices))
+        self.rollout_steps = settings.block
+        self._policy = policy
+        super().__init__(
+            policy.rollout(policy.task, settings.lanes, chooser, policy.low_level, settings.block, actions),
+            chooser,
+        )
+
+    def update(self, environment: Environment, progress: float) -> Mapping[str, float]:
+        """Updates the controller; the meta-controller learns as decisions end."""
+        self._policy.meta.anneal(progress)
+        self._policy.low_level.anneal(progress)
+        self._policy.low_level.update(self.rollout.close(environment))
+        return {"exploration": self._policy.meta.exploration}
+
+    def reuse(self) -> Sequence[ReuseRow]:
+        """Nothing."""
+        return ()
+
+    def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
+        """Nothing beside the usual tables."""
+        return {}
+
+    def close(self) -> Tables:
+        """Nothing beside the usual tables."""
+        return {}
+
+    def documents(self) -> Mapping[str, Any]:
+        """None."""
+        return {}
+
+    def policy(self) -> HDQNPolicy:
+        """What it has learned."""
+        return self._policy
+
+
+def make(setup: Setup) -> HDQNAgent:
+    """A meta-controller and a controller that have learned nothing."""
+    return HDQNAgent(HDQNPolicy(setup.task, setup.seed, setup.settings), setup.seed)
+
+
+def _usual(task: Task) -> HDQNSettings:
+    hybrid = settings_for(task)
+    return HDQNSettings(
+        hybrid.frames,
+        hybrid.lanes,
+        hybrid.block,
+        hybrid.repeat,
+        discounts=hybrid.clauses,
+        low_level=hybrid.low_level,
+        decisions=hybrid.decisions,
+    )
+
+
+def _settings(task: Task, _: Any, *changes: Mapping[str, Any]) -> HDQNSettings:
+    settings = _usual(task)
+    for change in changes:
+        settings = changed(settings, change)
+    return settings
+
+
+def _settings_from(task: Task, stored: Any, missing: HDQNSettings | None = None) -> HDQNSettings:
+    settings: HDQNSettings = restored(missing or _usual(task), stored, "settings")
+    return settings
+
+
+HDQN = Method(
+    name="hdqn",
+    settings_for=_settings,
+    settings_from=_settings_from,
+    rules_for=lambda _: None,
+    make=make,
+    policy=HDQNPolicy,
+)
