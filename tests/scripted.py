@@ -4,9 +4,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from paddlectl.agents.interaction import Learning
 from paddlectl.hybrid.rollout import LEVELS, Outcome
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.atoms import Predicate
+from paddlectl.methods.base import Method, Setup
 from paddlectl.tasks.base import Actions, Step, Task, Vocabulary
 
 LEFT, STAY, RIGHT = range(3)
@@ -29,6 +31,7 @@ class Corridor:
     """
 
     observation_size = 2 + len(DOMAIN_HEADS)
+    flat_size = 4
     actions = Actions(3)
 
     def __init__(self, lanes: int, seed: int, repeat: int = 1, split: str = "training") -> None:
@@ -64,6 +67,10 @@ class Corridor:
 
     def observe(self, heads):
         return np.column_stack([self.place / 10, self.layout % 3, np.eye(4)[heads]]).astype(np.float32)
+
+    def flat_state(self):
+        columns = [self.place / 10, self.layout % 3, self.paid, self.t / HORIZON]
+        return np.column_stack(columns).astype(np.float32)
 
     def in_world(self, heads, actions):
         return actions
@@ -139,6 +146,12 @@ class Teller:
 
     def decided(self, outcome):
         self.told.append(outcome)
+
+
+def learning(method: Method, setup: Setup) -> Learning:
+    """The method's agent at work, as a run has it."""
+    environment = setup.task.make(setup.settings.lanes, setup.seed, setup.settings.repeat)
+    return Learning(environment, method.make(setup), setup.frames)
 
 
 def outcome(situation, head, reward=0.0, following=None, reached=False, lane=0):

@@ -11,14 +11,17 @@ SOURCE = Path(__file__).parents[1] / "src" / "paddlectl"
 FLOOR = {
     "cli": 5, "__main__": 6,
     "experiments": 4, "report": 4, "statistics": 4,
+    "methods": 3.5,  # what a method is and which there are lies below: scenarios name one
     "transfer": 3, "scenario": 3,  # below experiments, which runs scenarios
+    "methods.base": 2.5, "methods.catalogue": 2.5,
     "hybrid": 2, "transfer.similarity": 2, "transfer.performance": 2, "transfer.guidance": 2,
     "transfer.documents": 2, "registry": 2, "whole": 2.5,
+    "agents": 1.5,
     "tasks": 1, "learners": 1,
     "logic": 0, "errors": -1,
 }  # fmt: skip
 HOMES = {
-    "torch": {"learners", "hybrid", "transfer", "experiments"},
+    "torch": {"learners", "agents", "hybrid", "transfer", "methods", "experiments"},
     "gymnasium": {"tasks"}, "minigrid": {"tasks"}, "gymnasium_robotics": {"tasks"}, "mujoco": {"tasks"},
     "sympy": {"logic"}, "sqlalchemy": {"registry"}, "alembic": {"registry"}, "psycopg": {"registry"},
     "safetensors": {"registry", "experiments", "learners", "hybrid"},

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from paddlectl.hybrid.credit import CreditSettings, credit
+from paddlectl.hybrid.credit import CreditSettings, credit, discounted_returns
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, task_heads
-from paddlectl.hybrid.rollout import LEVELS, Decisions, Episode, Outcome
+from paddlectl.hybrid.rollout import LEVELS, Outcome
 from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, OTHER, TASK, TWO
 
 KINDS = pytest.mark.parametrize("planned", [True, False], ids=["planned", "monte-carlo"])
@@ -25,18 +25,23 @@ class Learning:
     def learn(self, *episodes, guide=0, blocks=30):
         for _ in range(blocks):
             for decisions in episodes:
-                self._tell(decisions, guide)
-            self._credit.update([_episode(decisions, guide) for decisions in episodes])
+                for _ in self.telling(decisions, guide):
+                    pass
+            self.update()
         return self
 
-    def _tell(self, decisions, guide):
+    def update(self):
+        self._credit.update()
+
+    def telling(self, decisions, guide=0, lane=0):
+        """Tells of a decision whenever it is asked to go on."""
         level = 0
         for number, (scene, head, reward, reached) in enumerate(decisions):
             done = number + 1 == len(decisions)
             paid = min(level + (reward > 0), LEVELS - 1)
             following = 0 if done else decisions[number + 1][0] * LEVELS + paid
             columns = (
-                0,
+                lane,
                 scene * LEVELS + level,
                 head,
                 guide,
@@ -49,17 +54,8 @@ class Learning:
                 following,
             )
             self._credit.decided(Outcome(*(np.array([column]) for column in columns)))
+            yield
             level = paid
-
-
-def _episode(decisions, guide):
-    scenes, heads, rewards, reached = zip(*decisions, strict=True)
-    same = np.full(len(decisions), 1)
-    made = Decisions(
-        np.array(scenes), np.array(heads), same * guide, same * 3,
-        np.array(rewards, np.float32), np.array(reached),
-    )  # fmt: skip
-    return Episode(0, 0, 9, rewards[-1], 9, made)
 
 
 SOLVED = [(NEAR_SCENE, TWO, 0.0, True), (FAR_SCENE, END, 0.9, True)]
@@ -139,5 +135,29 @@ def test_planning_learns_before_an_episode_ends():
     made = Learning(planned=True)
     made.learn([(NEAR_SCENE, TWO, 0.5, True), (FAR_SCENE, END, 0.5, True)], blocks=1)
     first = made.probability(NEAR_SCENE, TWO)
-    made._credit.update([])
+    made.update()
     assert made.probability(NEAR_SCENE, TWO) == first, "and only once"
+
+
+def test_returns_are_discounted_by_decision():
+    # 0.8; 0 + 0.5·0.8; 0.1 + 0.5·0.4
+    assert discounted_returns([0.1, 0.0, 0.8], 0.5) == pytest.approx([0.3, 0.4, 0.8])
+    assert discounted_returns([0.1, 0.0, 0.8], 1.0) == pytest.approx([0.9, 0.8, 0.8])
+
+
+def test_monte_carlo_waits_for_the_end_of_an_episode_and_keeps_lanes_apart():
+    """Two lanes in turn, with an update after every decision, learn what they learn one after the other."""
+    worse = [(NEAR_SCENE, MOON, 0.0, False), (FAR_SCENE, TWO, 0.1, False)]
+    in_turn, whole = (Learning(planned=False, batch=1) for _ in range(2))
+    before = in_turn.policy.clauses.probabilities()
+    going_on = [in_turn.telling(SOLVED), in_turn.telling(worse, lane=1)]
+    for telling in going_on:
+        next(telling)
+        in_turn.update()
+    assert (in_turn.policy.clauses.probabilities() == before).all()
+    for telling, episode in zip(going_on, (SOLVED, worse), strict=True):
+        next(telling)
+        in_turn.update()
+        whole.learn(episode, blocks=1)
+        assert (in_turn.policy.clauses.probabilities() == whole.policy.clauses.probabilities()).all()
+    assert (in_turn.policy.clauses.probabilities() != before).any()

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from paddlectl.hybrid.rollout import LEVELS, Decisions, DecisionSettings, Episode, Rollout
+from paddlectl.agents.interaction import Interaction
+from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Rollout
 from paddlectl.learners.clauses import ClauseLearner
 from paddlectl.logic.templates import scenes
 from scripted import (
@@ -31,11 +32,37 @@ from scripted import (
 SETTINGS = DecisionSettings(max_steps=5, reached_reward=1.0, delay_cost=0.5, failed_reward=-0.1)
 
 
-def rollout(lanes, chooser, *actors, settings=SETTINGS, seed=0):
-    reader = ClauseLearner((FAR,), scenes((FAR,)), TASK.heads, 0)
-    return Rollout(
-        Corridor(lanes, seed), HORIZON, reader, chooser, actors, settings, np.random.default_rng(0), [chooser]
-    )
+class Run:
+    """A rollout at work in corridors, a block at a time."""
+
+    def __init__(self, lanes, chooser, *actors, settings=SETTINGS):
+        reader = ClauseLearner((FAR,), scenes((FAR,)), TASK.heads, 0)
+        rng = np.random.default_rng(0)
+        self.environment = Corridor(lanes, 0)
+        self._rollout = Rollout(lanes, reader, chooser, actors, settings, block(1, lanes), rng, [chooser])
+        self._interaction = Interaction(self.environment, self._rollout)
+
+    @property
+    def frames(self):
+        return self._interaction.frames
+
+    def collect(self, buffer):
+        self._rollout.buffer = buffer
+        episodes = self._interaction.run(len(buffer.actions))
+        assert self._rollout.close(self.environment) is buffer
+        return episodes
+
+
+def decided(teller):
+    """scene, head, steps, extrinsic reward, reached: of each episode that ended, in order of ending."""
+    going_on, ended = {}, []
+    for told in teller.told:
+        columns = (told.situations // LEVELS, told.heads, told.steps, told.rewards, told.reached)
+        for lane, done, *decision in zip(told.lanes, told.done, *columns, strict=True):
+            going_on.setdefault(lane, []).append(tuple(value.item() for value in decision))
+            if done:
+                ended.append(going_on.pop(lane))
+    return ended
 
 
 # The first episode of one lane: head asked for; action; whether the decision ends, has reached; intrinsic
@@ -68,7 +95,7 @@ DECIDED = [
 def played():
     heads, actions, *_ = zip(*EPISODE, strict=True)
     teller = Teller(head for head in heads if head is not None)
-    run = rollout(1, teller, ByScript(*actions))
+    run = Run(1, teller, ByScript(*actions))
     buffer = block(len(EPISODE), 1)
     return run, teller, buffer, run.collect(buffer)
 
@@ -93,16 +120,13 @@ def test_what_the_low_level_sees_is_of_the_decision_then_running(played):
 
 
 def test_the_episode_and_its_decisions(played):
-    run, _, _, (episode,) = played
+    run, teller, _, (episode,) = played
     assert (episode.order, episode.started, episode.finished, episode.length) == (0, 0, 11, 11)
     assert episode.score == 0.5
     assert run.frames == 12
-    decisions = episode.decisions
-    found = zip(*(getattr(decisions, name).tolist() for name in ("scenes", "heads", "steps")), strict=True)
-    assert list(found) == [decided[:3] for decided in DECIDED]
-    assert decisions.rewards == pytest.approx([decided[3] for decided in DECIDED])
-    assert decisions.reached.tolist() == [decided[4] for decided in DECIDED]
-    assert decisions.guides.tolist() == [0] * 5
+    assert decided(teller) == [[(*each[:3], pytest.approx(each[3]), each[4]) for each in DECIDED]]
+    assert [told.guides.tolist() for told in teller.told[:5]] == [[0]] * 5
+    assert episode.scenes == (NEAR_SCENE, FAR_SCENE), "each once, however many decisions were taken there"
 
 
 def test_the_chooser_is_asked_when_a_decision_has_ended_and_told_what_came_of_it(played):
@@ -122,21 +146,15 @@ def test_a_situation_tells_how_many_decisions_were_paid(played):
     assert [int(o.next_situations[0] % LEVELS) for o in teller.told[:4]] == [1, 1, 1, 1]
 
 
-def test_returns_are_discounted_by_decision():
-    decisions = Decisions.empty(3)._replace(rewards=np.array([0.1, 0.0, 0.8], np.float32))
-    episode = Episode(0, 0, 9, 0.8, 9, decisions)
-    # 0.8; 0 + 0.5·0.8; 0.1 + 0.5·0.4
-    assert episode.returns(0.5) == pytest.approx([0.3, 0.4, 0.8])
-    assert episode.returns(1.0) == pytest.approx([0.9, 0.8, 0.8])
-
-
 def test_an_episode_that_is_cut_off_ends_its_decision_unreached():
     teller = Teller([END])
     buffer = block(HORIZON, 1)
-    (episode,) = rollout(1, teller, ByScript(STAY)).collect(buffer)
+    (episode,) = Run(1, teller, ByScript(STAY)).collect(buffer)
     assert (episode.score, episode.length) == (0.0, HORIZON)
-    assert episode.decisions.steps.tolist() == [5, 5, 2]
-    assert not episode.decisions.reached.any()
+    assert episode.scenes == (NEAR_SCENE,)
+    assert [(steps, reached) for _, _, steps, _, reached in decided(teller)[0]] == [
+        (5, False), (5, False), (2, False),
+    ]  # fmt: skip
     assert buffer.rewards[:, 0] == pytest.approx([0, 0, 0, 0, -0.1] * 2 + [0, 0])
     assert (buffer.ends & ~buffer.cut)[:, 0].nonzero()[0].tolist() == [4, 9], "the horizon is no failure"
     assert buffer.cut[:, 0].nonzero()[0].tolist() == [HORIZON - 1]
@@ -146,7 +164,7 @@ def test_an_episode_that_is_cut_off_ends_its_decision_unreached():
 
 def test_a_scene_that_changes_back_ends_a_decision_too():
     buffer = block(4, 1)
-    rollout(1, Teller([END]), ByScript(RIGHT, RIGHT, RIGHT, LEFT)).collect(buffer)
+    Run(1, Teller([END]), ByScript(RIGHT, RIGHT, RIGHT, LEFT)).collect(buffer)
     assert buffer.ends[:, 0].tolist() == [False, False, True, True]
 
 
@@ -164,23 +182,24 @@ WALKS = [
 
 @pytest.mark.parametrize("blocks", [[14], [7, 7], [4, 4, 6], [1] * 14])
 def test_episodes_are_ordered_by_their_start_whatever_the_blocks(blocks):
-    run = rollout(3, Teller([END]), ByScript(RIGHT))
+    teller = Teller([END])
+    run = Run(3, teller, ByScript(RIGHT))
     episodes = [episode for steps in blocks for episode in run.collect(block(steps, 3))]
     assert [episode[:5] for episode in episodes] == [
         (order, started, finished, pytest.approx(score), length)
         for order, started, finished, score, length in WALKS
     ]
-    for episode in episodes:
-        decisions = episode.decisions
-        assert decisions.scenes.tolist() == [NEAR_SCENE, FAR_SCENE]
-        assert decisions.steps.tolist() == [3, episode.length - 3]
-        assert decisions.reached.tolist() == [False, True]
+    for episode, decisions in zip(episodes, decided(teller), strict=True):
+        assert episode.scenes == (NEAR_SCENE, FAR_SCENE)
         # the milestone of cell 2 falls into the first decision of each episode, not only of the first
-        assert decisions.rewards == pytest.approx([0.1, episode.score])
+        assert decisions == [
+            (NEAR_SCENE, END, 3, pytest.approx(0.1), False),
+            (FAR_SCENE, END, episode.length - 3, pytest.approx(episode.score), True),
+        ]
 
 
 def test_lanes_that_end_together_start_in_their_order():
-    run = rollout(4, Teller([END]), ByScript(RIGHT))
+    run = Run(4, Teller([END]), ByScript(RIGHT))
     episodes = run.collect(block(12, 4))
     assert [(e.order, e.finished) for e in episodes if e.finished == 20] == [(0, 20), (3, 20)]
     # lane 0 draws layout 4 then, and lane 3 layout 5: eleven and twelve steps after the start
@@ -192,7 +211,7 @@ def test_lanes_that_end_together_start_in_their_order():
 
 def test_only_lanes_without_a_decision_are_asked_for():
     teller = Teller([END])
-    rollout(3, teller, ByScript(RIGHT)).collect(block(7, 3))
+    Run(3, teller, ByScript(RIGHT)).collect(block(7, 3))
     every = [(lane, NEAR_SCENE) for lane in range(3)]
     far = [(lane, FAR_SCENE) for lane in range(3)]
     assert teller.asked == [every, far, [(0, NEAR_SCENE)], [(1, NEAR_SCENE)]]
@@ -202,7 +221,7 @@ def test_each_lane_is_moved_by_its_guide():
     teller = Teller([END], guides=(0, 2, 1, 2))
     own, one, two = ByScript(RIGHT), ByScript(STAY), ByScript(RIGHT, STAY)
     buffer = block(3, 4)
-    run = rollout(4, teller, own, one, two)
+    run = Run(4, teller, own, one, two)
     run.collect(buffer)
     assert buffer.guides.tolist() == [[0, 2, 1, 2]] * 3
     assert run.environment.place.tolist() == [3, 1, 0, 1]
@@ -212,7 +231,7 @@ def test_each_lane_is_moved_by_its_guide():
 
 def test_the_last_observations_are_what_comes_after_the_block():
     buffer = block(2, 2)
-    rollout(2, Teller([END]), ByScript(RIGHT)).collect(buffer)
+    Run(2, Teller([END]), ByScript(RIGHT)).collect(buffer)
     assert buffer.last_observations[:, 0] == pytest.approx([0.2, 0.2])
     assert buffer.last_observations[:, 2:].argmax(-1).tolist() == [END, END]
     assert len(DOMAIN_HEADS) == buffer.last_observations.shape[1] - 2
@@ -222,13 +241,13 @@ def test_the_last_state_of_a_decision_is_kept_as_it_was_before_what_came_next():
     """Three lanes: cut off by the horizon at cell 2; solved at cell 5; and one whose decision just ends."""
     standing = [RIGHT, RIGHT, *[STAY] * (HORIZON - 2)]
     buffer, teller = block(HORIZON, 1), Teller([MOON, *[END] * 3, OTHER])
-    rollout(1, teller, ByScript(*standing)).collect(buffer)
+    Run(1, teller, ByScript(*standing)).collect(buffer)
     assert buffer.cut[:, 0].nonzero()[0].tolist() == [HORIZON - 1]
     # the cell, the layout and the subgoal of the decision that was cut off, not of the next episode
     assert buffer.final_observations[-1, 0] == pytest.approx([0.2, 0.0, 0, 0, 1, 0])
     assert buffer.last_observations[0, 0] == 0.0
     solved, again = block(6, 1), Teller([END, END, OTHER])
-    rollout(1, again, ByScript(RIGHT), settings=replace(SETTINGS, max_steps=9)).collect(solved)
+    Run(1, again, ByScript(RIGHT), settings=replace(SETTINGS, max_steps=9)).collect(solved)
     assert solved.terminated[:, 0].nonzero()[0].tolist() == [4]
     assert solved.final_observations[4, 0] == pytest.approx([0.5, 0.0, 0, 0, 1, 0])
     assert solved.final_observations[2, 0] == pytest.approx([0.3, 0.0, 0, 0, 1, 0]), "the scene changed there"
@@ -239,7 +258,7 @@ def test_the_last_state_of_a_decision_is_kept_as_it_was_before_what_came_next():
 def test_a_subgoal_that_is_reached_as_the_horizon_comes_is_reached():
     """Cell 2 is come to in the last step of the episode."""
     buffer, teller = block(HORIZON, 1), Teller([TWO])
-    rollout(1, teller, ByScript(RIGHT, *[STAY] * (HORIZON - 2), RIGHT)).collect(buffer)
+    Run(1, teller, ByScript(RIGHT, *[STAY] * (HORIZON - 2), RIGHT)).collect(buffer)
     assert buffer.truncated[-1, 0]
     assert buffer.reached[-1, 0]
     assert not buffer.cut.any()
