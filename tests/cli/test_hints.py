@@ -12,7 +12,7 @@ import pytest
 
 from paddlectl.cli.app import COMMANDS
 from paddlectl.errors import PaddlectlError
-from paddlectl.experiments import processes, sources
+from paddlectl.experiments import policies, processes
 from paddlectl.experiments.jobs import Begun, ResumeJob, TrainJob, TransferJob
 from paddlectl.experiments.runner import _source
 from paddlectl.registry.records import PolicyRecord
@@ -48,7 +48,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
                 rows.append({"run": run.id, "policy": run.policy})
         return rows
 
-    played = sources.evaluate
+    played = policies.evaluate
 
     def evaluate(registry: Registry, policy: PolicyRecord, *more: Any) -> dict[str, Any]:
         return {"policy": policy.id} if policy.task == TARGET else played(registry, policy, *more)

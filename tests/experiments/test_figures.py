@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from paddlectl.agents.base import Episode
 from paddlectl.experiments.curves import WINDOW, Curve, curve_figures, in_order, rates
-from paddlectl.hybrid.rollout import Decisions, Episode
 
 
 def episode(order, started, finished, score):
-    return Episode(order, started, finished, score, finished - started, Decisions.empty(1))
+    return Episode(order, started, finished, score, finished - started)
 
 
 def figures(rows, frames):

@@ -8,9 +8,11 @@ from pathlib import Path
 import pytest
 
 from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError
-from paddlectl.experiments import sources, transfers
+from paddlectl.experiments import policies
 from paddlectl.experiments.jobs import TrainJob, TransferJob
+from paddlectl.experiments.policies import evaluate, revive
 from paddlectl.experiments.resuming import job_of
+from paddlectl.experiments.runner import run_transfer, train_source
 from paddlectl.hybrid.policy import settings_for
 from paddlectl.learners.td3 import TD3Settings
 from paddlectl.registry.store import Registry
@@ -26,14 +28,14 @@ FRAMES = 5120  # one block of 32 lanes by 8 actions of 20 steps
 def maze(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Registry]:
     """Both sources, hardly trained, and a transfer from them."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(sources, "EVALUATION_EPISODES", 2)
+    patch.setattr(policies, "EVALUATION_EPISODES", 2)
     with Registry.open(tmp_path_factory.mktemp("maze")) as registry:
         for task in ("CoffeeMaze", "MailMaze"):
-            sources.train_source(TrainJob(task, 0, FRAMES), registry, lambda _: None)
+            train_source(TrainJob(task, 0, FRAMES), registry, lambda _: None)
         job = TransferJob(
             load_scenario(ROOT / "scenarios" / "maze.yaml"), ("policy-1", "policy-2"), "paddle", 0, 3000
         )
-        transfers.run_transfer(job, registry, lambda _: None)
+        run_transfer(job, registry, lambda _: None)
         yield registry
     patch.undo()
 
@@ -58,10 +60,10 @@ def test_sources_and_target_are_kept_with_their_domain(maze: Registry) -> None:
 
 
 def test_a_policy_is_revived_and_plays_any_task_of_its_domain(maze: Registry) -> None:
-    row = sources.evaluate(maze, maze.policy("CoffeeMaze"), "CoffeeMailMaze", 2, 0)
+    row = evaluate(maze, maze.policy("CoffeeMaze"), "CoffeeMailMaze", 2, 0)
     assert (row["task"], row["episodes"]) == ("CoffeeMailMaze", 2)
     with pytest.raises(IntegrityError, match="maze2d policy; BoxDoor is a minigrid task"):
-        sources.evaluate(maze, maze.policy("CoffeeMaze"), "BoxDoor", 2, 0)
+        evaluate(maze, maze.policy("CoffeeMaze"), "BoxDoor", 2, 0)
 
 
 def test_the_transfer_can_be_explained(maze: Registry) -> None:
@@ -100,14 +102,14 @@ def test_a_policy_is_revived_by_the_preset_that_it_was_learned_with(maze: Regist
     task = load("MailMaze")
     with Registry.open(tmp_path) as registry:
         job = TrainJob(task.name, 0, 256, preset="paper")
-        sources.train_source(job, registry, lambda _: None)
+        train_source(job, registry, lambda _: None)
         assert job_of(registry.runs()[0]).preset == "paper"
-        revived = sources.revive(registry, registry.policy("policy-1"))
+        revived = revive(registry, registry.policy("policy-1"))
         assert revived.settings == settings_for(task, task.presets["paper"])
     target = load("CoffeeMailMaze")
-    assert sources.revive(maze, maze.policy("MailMaze")).settings == settings_for(task)
+    assert revive(maze, maze.policy("MailMaze")).settings == settings_for(task)
     guided = settings_for(target, target.presets["guided"])
-    assert sources.revive(maze, maze.policy("CoffeeMailMaze")).settings == guided
+    assert revive(maze, maze.policy("CoffeeMailMaze")).settings == guided
     assert (guided.repeat, guided.lanes) == (5, 1)
 
 
@@ -115,7 +117,7 @@ def test_a_policy_is_revived_by_the_preset_that_it_was_learned_with(maze: Regist
 def test_a_preset_that_is_not_known_is_told(maze: Registry, preset: object) -> None:
     record = dataclasses.replace(maze.policy("MailMaze"), metadata={"preset": preset})
     with pytest.raises(IntegrityError, match="doesn't fit MailMaze"):
-        sources.revive(maze, record)
+        revive(maze, record)
 
 
 @pytest.mark.parametrize("method, mode", [("hdm", "default"), ("paddle", "paper")])
@@ -123,19 +125,17 @@ def test_who_inherits_nothing_learns_as_a_source_does(copy: Registry, method: st
     scenario = load_scenario(ROOT / "scenarios" / "maze.yaml")
     scenario = scenario.model_copy(update={"guidance": scenario.guidance.model_copy(update={"mode": mode})})
     given = ("policy-1", "policy-2") if method == "paddle" else ()
-    row = transfers.run_transfer(TransferJob(scenario, given, method, 0, FRAMES), copy, lambda _: None)
-    settings = copy.run(row["run"]).settings
-    assert settings["preset"] is None
+    row = run_transfer(TransferJob(scenario, given, method, 0, FRAMES), copy, lambda _: None)
+    told = copy.run(row["run"]).settings["learning"]
     lanes, block = (8, 32) if mode == "paper" else (32, 8)
-    told = settings["hybrid"]
     assert (told["lanes"], told["block"], told["repeat"]) == (lanes, block, 20)
 
 
 def test_a_source_of_other_networks_guides_and_hands_on_nothing(copy: Registry) -> None:
     """Learned by the preset `paper` it has three layers of 400; the target has two of 256."""
-    sources.train_source(TrainJob("MailMaze", 1, 256, preset="paper"), copy, lambda _: None)
+    train_source(TrainJob("MailMaze", 1, 256, preset="paper"), copy, lambda _: None)
     other = copy.policies()[0].id
     scenario = load_scenario(ROOT / "scenarios" / "maze.yaml")
     for given in (("policy-1", other), (other,)):
-        row = transfers.run_transfer(TransferJob(scenario, given, "paddle", 0, 1280), copy, lambda _: None)
+        row = run_transfer(TransferJob(scenario, given, "paddle", 0, 1280), copy, lambda _: None)
         assert copy.run(row["run"]).status == "finished"

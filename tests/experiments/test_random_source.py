@@ -4,13 +4,12 @@ import shutil
 
 import pytest
 
-from paddlectl.experiments import transfers
 from paddlectl.experiments.policies import checkpoint, revive
-from paddlectl.experiments.runner import random_source
+from paddlectl.experiments.runner import random_source, run_transfer
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
-from small_transfer import CHANGES, job
+from small_transfer import SHORT, job
 
 COPIED = (
     "run", "task", "domain", "seed", "frames", "program", "mean_score", "mean_length", "crispness",
@@ -22,7 +21,7 @@ COPIED = (
 def registry(trained, tmp_path, monkeypatch):
     """A copy of the tiny sources' registry."""
     shutil.copytree(trained.registry.location, tmp_path / "registry")
-    for module, name, value in CHANGES:
+    for module, name, value in SHORT:
         monkeypatch.setattr(module, name, value)
     return Registry.open(tmp_path / "registry")
 
@@ -56,7 +55,7 @@ def test_it_is_not_the_best_where_another_solves_more(registry):
 
 def test_a_transfer_takes_it_as_a_source(registry, trained):
     policies = (trained.rows[1]["policy"], random_source("DoorBall", 0, registry).id)
-    row = transfers.run_transfer(job(policies, "default", frames=64 * 8), registry, lambda _: None)
+    row = run_transfer(job(policies, "default", frames=64 * 8), registry, lambda _: None)
     mapping = registry.read_document(row["run"], "mapping")
     assert mapping["sources"] == list(policies)
     assert registry.run(row["run"]).sources == policies

@@ -16,8 +16,8 @@ import safetensors.torch
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments import processes
 from paddlectl.experiments.jobs import Begun, Failure, Note, Progress, TrainJob, TransferJob
-from paddlectl.experiments.processes import rows_of, run_jobs
 from paddlectl.experiments.policies import evaluate, revive
+from paddlectl.experiments.processes import rows_of, run_jobs
 from paddlectl.hybrid.policy import HybridSettings
 from paddlectl.logic.syntax import ProgramSyntaxError, parse_program
 from paddlectl.registry.store import Registry
@@ -32,7 +32,7 @@ def test_rows_are_in_the_order_of_the_jobs(trained):
     assert [row["task"] for row in trained.rows] == ["GapBall", "BlockedDoor"]
     for row in trained.rows:
         assert set(row) == {
-            "run", "policy", "task", "seed", "frames", "episodes", "seconds",
+            "run", "policy", "task", "method", "seed", "frames", "episodes", "seconds",
             "success_rate", "mean_score", "crispness",
         }  # fmt: skip
         assert (row["seed"], row["frames"]) == (0, FRAMES)

@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from paddlectl.experiments import transfers
+from paddlectl.experiments.runner import run_transfer
+from paddlectl.methods import paddle
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 from paddlectl.transfer.guidance import RULES, GuidanceSettings
 from samples import ROOT
-from small_transfer import CHANGES, FRAMES, TARGET, job
+from small_transfer import FRAMES, SHORT, SMALL, TARGET, job
 
 MODES = ("default", "paper")
 
@@ -40,9 +41,7 @@ class Transfers:
     def __call__(self, mode: str = "default", method: str = "paddle", seed: int = 0) -> Done:
         asked = (mode, method, seed)
         if asked not in self._done:
-            row = transfers.run_transfer(
-                job(self.policies, mode, method, seed), self.registry, lambda _: None
-            )
+            row = run_transfer(job(self.policies, mode, method, seed), self.registry, lambda _: None)
             self._done[asked] = Done(row, self.registry.run(row["run"]), self.registry)
         return self._done[asked]
 
@@ -53,7 +52,7 @@ def transfer(trained, tmp_path_factory):
     shutil.copytree(trained.registry.location, location)
     policies = tuple(trained.rows[index]["policy"] for index in (1, 0))
     with pytest.MonkeyPatch.context() as patch:
-        for module, name, value in CHANGES:
+        for module, name, value in SHORT:
             patch.setattr(module, name, value)
         yield Transfers(Registry.open(location), policies)
 
@@ -91,10 +90,10 @@ def test_episodes(transfer, mode):
     assert len(rows) == done.row["episodes"]
     assert len({row["order"] for row in rows}) == len(rows)
     for row in rows:
-        assert set(row) == {"order", "started", "frames", "score", "length", "success", "decisions"}
+        assert set(row) == {"order", "started", "frames", "score", "length", "success"}
         assert row["success"] == (row["score"] > 0)
         assert row["frames"] - row["started"] == row["length"] * 8
-        assert 1 <= row["decisions"] <= row["length"] <= 320
+        assert 1 <= row["length"] <= 320
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -146,9 +145,10 @@ def test_the_trace_of_an_early_and_a_late_episode(transfer, mode):
     done = transfer(mode)
     trace = done.registry.read_document(done.run.id, "trace")
     assert set(trace) == {"early", "late", "score_early", "score_late"}
-    counts = {(row["score"], row["decisions"]) for row in done.rows("episodes")}
+    lengths = {(row["score"], row["length"]) for row in done.rows("episodes")}
     for phase in ("early", "late"):
-        assert (trace[f"score_{phase}"], len(trace[phase])) in counts
+        steps = sum(decision["steps"] for decision in trace[phase])
+        assert (trace[f"score_{phase}"], steps) in lengths
         assert [decision["step"] for decision in trace[phase]] == list(range(1, len(trace[phase]) + 1))
         for decision in trace[phase]:
             assert set(decision) >= {
@@ -187,20 +187,23 @@ def test_equal_seeds_give_equal_policies_in_another_process(transfer):
     "changes",
     [
         {"rules": GuidanceSettings(curiosity=0.0, least_reached=0.0)},
-        {"hybrid": {"credit": {"planned": False}, "sharpness": 2.0}},
+        {"changes": SMALL | {"credit": {"planned": False}, "sharpness": 2.0}},
     ],
     ids=lambda changes: next(iter(changes)),
 )
-def test_a_caller_may_change_the_rules_and_the_hybrid_model(transfer, changes):
+def test_a_caller_may_change_the_rules_and_the_settings(transfer, changes):
     changed = dataclasses.replace(job(transfer.policies, "default"), **changes)
-    row = transfers.run_transfer(changed, transfer.registry, lambda _: None)
+    row = run_transfer(changed, transfer.registry, lambda _: None)
     told, usual = transfer.registry.run(row["run"]).settings, transfer().run.settings
-    assert told["guidance"] == dataclasses.asdict(changed.rules or GuidanceSettings())
-    if "hybrid" in changes:
-        assert told["hybrid"]["credit"] == usual["hybrid"]["credit"] | {"planned": False}
-        assert told["hybrid"] == usual["hybrid"] | {"sharpness": 2.0, "credit": told["hybrid"]["credit"]}
+    assert told["rules"] == dataclasses.asdict(changed.rules or GuidanceSettings())
+    if "changes" in changes:
+        assert told["learning"]["credit"] == usual["learning"]["credit"] | {"planned": False}
+        assert told["learning"] == usual["learning"] | {
+            "sharpness": 2.0,
+            "credit": told["learning"]["credit"],
+        }
     else:
-        assert told["hybrid"] == usual["hybrid"]
+        assert told["learning"] == usual["learning"]
     assert transfer.registry.policy(row["policy"]).checkpoint != checkpoint(transfer())
 
 
@@ -211,9 +214,9 @@ def test_other_seeds_and_other_rules_give_other_policies(transfer):
 
 def test_weights_are_told_once_when_the_early_episodes_are_over_in_the_last_round(transfer, monkeypatch):
     """Eight lanes that time out together, after 320 steps, in the fifth round of 64."""
-    monkeypatch.setattr(transfers, "WINDOW", 8)
+    monkeypatch.setattr(paddle, "EARLY", 8)
     short = job(transfer.policies, "paper", frames=8 * 320)
-    row = transfers.run_transfer(short, transfer.registry, lambda _: None)
+    row = run_transfer(short, transfer.registry, lambda _: None)
     rows = transfer.registry.read_rows(row["run"], "weights")
     keys = [(row["phase"], tuple(row["scene"]), row["policy"]) for row in rows]
     assert len(set(keys)) == len(keys) > 0

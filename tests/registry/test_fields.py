@@ -13,18 +13,19 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from filler import ARRAYS, Filler
-from paddlectl.cli.completion import run_names, stopped_names
-from paddlectl.cli.options import parse_seeds
+from paddlectl.cli.completion import stopped_names, transfer_names
 from paddlectl.errors import IntegrityError, UsageError
 from paddlectl.experiments.jobs import TransferJob
 from paddlectl.experiments.resuming import job_of
 from paddlectl.hybrid.policy import settings_for
+from paddlectl.methods.catalogue import METHODS
 from paddlectl.registry import bundles, fields
 from paddlectl.registry.check import check
 from paddlectl.registry.store import Registry
-from paddlectl.scenario import METHODS, Scenario, load_scenario
+from paddlectl.scenario import Scenario, load_scenario
 from paddlectl.tasks.suite import load, names
 from paddlectl.transfer.guidance import GuidanceSettings
+from paddlectl.whole import seeds as parse_seeds
 from samples import SCENARIO
 from soak import memory_folder
 
@@ -114,20 +115,24 @@ def test_whatever_is_stored_can_be_exported_and_taken_in_again(
         bundles.export(other, "run-1", Path(folder, "again.zip"))
         assert Path(folder, "again.zip").read_bytes() == bundle.read_bytes()
         assert not {f.kind for f in check(there, read_data=True).faults} - {"missing source"}
-        assert run_names(str(there))[1][0] == "run-1"
-        assert bool(stopped_names(str(there))) == (one.status != "finished")
+        explained = [name for name, _ in transfer_names(str(there))]
+        assert explained == (["latest", "run-1"] if one.kind == "transfer" else [])
+        goes_on = one.status != "finished" and one.method != "random" and not one.sources
+        assert [name for name, _ in stopped_names(str(there))] == ["run-1"] * goes_on
 
 
 @pytest.mark.parametrize("name", ["A, with GapBall, v2", "x" * 70, "x" * 80, "1", "a ", "A+B, C_d.e-f"])
 def test_a_transfer_goes_the_whole_way_under_any_name(registry: Registry, tmp_path: Path, name: str) -> None:
     (tmp_path / "x.yaml").write_text(SCENARIO.replace("name: A", f"name: {json.dumps(name)}"))
     read = load_scenario(tmp_path / "x.yaml")
-    hybrid = dataclasses.asdict(settings_for(load(TARGET)))
-    job = TransferJob(read, ("policy-1",), "paddle", 2**32 - 1, 10**12, GuidanceSettings(), hybrid)
-    told = {"scenario": read.model_dump(), "guidance": dataclasses.asdict(GuidanceSettings())}
+    learning = dataclasses.asdict(settings_for(load(TARGET)))
+    job = TransferJob(read, ("policy-1",), "paddle", 2**32 - 1, 10**12, GuidanceSettings(), learning)
+    told = {"scenario": read.model_dump(), "rules": dataclasses.asdict(GuidanceSettings())}
     add = Filler(registry)
     given_ = {"kind": "transfer", "method": "paddle", "task": TARGET, "scenario": read.name, "seed": job.seed}
-    run = add.run(**given_, sources=["policy-1"], settings={**told, "frames": job.frames, "hybrid": hybrid})
+    run = add.run(
+        **given_, sources=["policy-1"], settings={**told, "frames": job.frames, "learning": learning}
+    )
     registry.finish_run(run.id, status="interrupted", frames=0, episodes=0, seconds=0.0, results={})
     assert job_of(registry.run(run.id)) == job
     bundles.export(registry, run.id, tmp_path / "x.zip")
@@ -138,8 +143,8 @@ def test_a_transfer_goes_the_whole_way_under_any_name(registry: Registry, tmp_pa
 
 @pytest.mark.parametrize("wrong", [{"frames": "x"}, {"frames": 0}, {"preset": ["a"]}, {"preset": "none"}])
 def test_settings_that_no_command_wrote_arent_resumed(add: Any, wrong: dict[str, Any]) -> None:
-    hybrid = dataclasses.asdict(settings_for(load("BoxDoor")))
-    run = add.run(settings={"frames": 1000, "preset": None, "hybrid": hybrid})
+    learning = dataclasses.asdict(settings_for(load("BoxDoor")))
+    run = add.run(settings={"frames": 1000, "preset": None, "learning": learning})
     assert job_of(run).frames == 1000
     with pytest.raises(IntegrityError, match="aren't what this version writes"):
         job_of(dataclasses.replace(run, settings=run.settings | wrong))
