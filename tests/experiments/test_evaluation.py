@@ -10,38 +10,41 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
+from paddlectl.agents.evaluation import Evaluation
+from paddlectl.agents.interaction import Interaction
 from paddlectl.errors import IntegrityError
-from paddlectl.experiments import sources
+from paddlectl.experiments import policies
 from paddlectl.experiments.jobs import TrainJob
-from paddlectl.experiments.resuming import job_of
 from paddlectl.experiments.policies import EVALUATION_SEED, evaluate, revive
+from paddlectl.experiments.resuming import job_of
 from paddlectl.experiments.runner import train_source
-from paddlectl.hybrid import training
+from paddlectl.hybrid.agent import HybridAgent
 from paddlectl.hybrid.credit import CreditSettings
-from paddlectl.hybrid.policy import HybridSettings, settings_for
-from paddlectl.hybrid.rollout import DecisionSettings, Episode
-from paddlectl.learners.buffers import RolloutBuffer
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, OwnProgram, settings_for
+from paddlectl.hybrid.rollout import DecisionSettings, Rollout
 from paddlectl.learners.ppo import PPOSettings
 from paddlectl.logic.syntax import format_program
 from paddlectl.registry import bundles
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
-from paddlectl.tasks.base import Task
+from paddlectl.tasks.base import Environment, Task
 from paddlectl.tasks.suite import load, names
 
 FRAMES = 2048  # a block of MiniGrid; the maze takes a whole one of its own
 EPISODES = 16
 FIGURES = ("success_rate", "mean_score", "mean_length")
 SOFT = {"sharpness": 1.0, "low_level": {"sharpness": 1.0}, "decisions": {"max_steps": 30}}
-SOURCE = Path(sources.__file__).parents[2]
+SOURCE = Path(policies.__file__).parents[2]
 
 
 @pytest.fixture
 def registry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Registry]:
-    monkeypatch.setattr(sources, "EVALUATION_EPISODES", EPISODES)
+    monkeypatch.setattr(policies, "EVALUATION_EPISODES", EPISODES)
     with Registry.open(tmp_path / "registry") as opened:
         yield opened
 
@@ -50,7 +53,7 @@ def registry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Regist
 def soft(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Registry]:
     """policy-1 was learned by other settings than the usual ones."""
     with pytest.MonkeyPatch.context() as patch, Registry.open(tmp_path_factory.mktemp("soft")) as opened:
-        patch.setattr(sources, "EVALUATION_EPISODES", EPISODES)
+        patch.setattr(policies, "EVALUATION_EPISODES", EPISODES)
         assert learn("GapBall", opened, SOFT, 8 * FRAMES).success_rate > 0.2
         yield opened
 
@@ -61,28 +64,35 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     Figures alone tell little of a task that hardly anyone solves so soon.
     """
-    blocks: list[str] = []
-    collect, evaluate = training.Rollout.collect, training.evaluate
+    steps: list[str] = []
+    act, played = Rollout.act, policies.played
 
-    def collecting(rollout: training.Rollout, buffer: RolloutBuffer) -> list[Episode]:
-        episodes = collect(rollout, buffer)
-        blocks.append(hashlib.sha256(buffer.observations.tobytes() + buffer.actions.tobytes()).hexdigest())
-        return episodes
+    def acting(rollout: Rollout, environment: Environment) -> NDArray[Any]:
+        actions = act(rollout, environment)
+        steps.append(hashlib.sha256(rollout.buffer.observations.tobytes() + actions.tobytes()).hexdigest())
+        return actions
 
-    def evaluating(*given: Any) -> training.Evaluation:
-        blocks.clear()
-        return evaluate(*given)
+    def playing(*given: Any) -> Evaluation:
+        steps.clear()
+        return played(*given)
 
-    monkeypatch.setattr(training.Rollout, "collect", collecting)
-    monkeypatch.setattr(training, "evaluate", evaluating)
-    return blocks
+    monkeypatch.setattr(Rollout, "act", acting)
+    monkeypatch.setattr(policies, "played", playing)
+    return steps
 
 
 def learn(
-    task: str, registry: Registry, hybrid: dict[str, Any] | None = None, frames: int = FRAMES
+    task: str, registry: Registry, changes: dict[str, Any] | None = None, frames: int = FRAMES
 ) -> PolicyRecord:
-    job = TrainJob(task, 0, frames, hybrid or {})
+    job = TrainJob(task, 0, frames, changes or {})
     return registry.policy(train_source(job, registry, lambda _: None)["policy"])
+
+
+def go_on(policy: HybridPolicy) -> None:
+    """Acts for a block, and doesn't learn."""
+    settings, rng = policy.settings, np.random.default_rng(1)
+    agent = HybridAgent(policy, OwnProgram(policy, rng), [policy.low_level], rng)
+    Interaction(policy.task.make(settings.lanes, 1, settings.repeat), agent).run(agent.rollout_steps)
 
 
 def stored(policy: PolicyRecord) -> dict[str, float]:
@@ -112,13 +122,14 @@ def test_what_is_stored_is_what_is_found(name: str, registry: Registry, seen: li
     assert played(registry, policy) == stored(policy)
     assert seen == at_first
     revived, task = revive(registry, policy), load(name)
+    assert isinstance(revived, HybridPolicy)
     assert revived.settings == settings_for(task)
-    before = training.evaluate(revived, task, EPISODES, EVALUATION_SEED)
+    before = policies.played(revived, task, EPISODES, EVALUATION_SEED)
     assert (before.success_rate, before.mean_score, before.mean_length) == tuple(stored(policy).values())
+    assert before.program is not None
     assert (before.crispness, format_program(before.program)) == (policy.crispness, policy.program)
-    learning = training.train(revived, 1, FRAMES)
-    learning.rollout.collect(learning.buffer)  # it goes on acting, and doesn't learn
-    assert training.evaluate(revived, task, EPISODES, EVALUATION_SEED) == before
+    go_on(revived)
+    assert policies.played(revived, task, EPISODES, EVALUATION_SEED) == before
     assert seen == at_first
     if name in {"GapBall", "MailMaze"}:
         assert played_elsewhere(registry, policy) == stored(policy)
@@ -156,7 +167,7 @@ def other_task(patch: pytest.MonkeyPatch) -> None:
     def changed(name: str) -> Task:
         return dataclasses.replace(load(name), settings={"sharpness": 9.0, "decisions": {"max_steps": 50}})
 
-    patch.setattr(sources, "load", changed)
+    patch.setattr(policies, "load", changed)
 
 
 @pytest.mark.parametrize("change", [lambda patch: None, other_defaults, other_task])
@@ -248,4 +259,4 @@ def test_a_run_goes_on_by_its_own_settings(soft: Registry, monkeypatch: pytest.M
     begun_by = settings_for(load("GapBall"), SOFT)
     other_defaults(monkeypatch)
     job = job_of(soft.run("run-1"))
-    assert settings_for(load("GapBall"), job.hybrid) == begun_by
+    assert settings_for(load("GapBall"), job.changes) == begun_by

@@ -10,12 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import pytest
 
 from freeze import RECORDED
+from paddlectl.agents.base import Episode
+from paddlectl.agents.interaction import Learning, Round
 from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, RegistryBusyError, UsageError
-from paddlectl.experiments import snapshot, sources
+from paddlectl.experiments import runner, snapshot
 from paddlectl.experiments.curves import curve_figures
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.log import recorded
@@ -23,14 +24,16 @@ from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.runner import train_source
 from paddlectl.experiments.stop import Stop
-from paddlectl.hybrid import training
-from paddlectl.hybrid.policy import HybridPolicy, settings_for
-from paddlectl.hybrid.rollout import Decisions, Episode, Outcome
-from paddlectl.hybrid.training import Learning, Round
+from paddlectl.hybrid.agent import HybridAgent
+from paddlectl.hybrid.policy import settings_for
+from paddlectl.hybrid.rollout import Outcome
 from paddlectl.learners import ppo
+from paddlectl.methods import hdm
+from paddlectl.methods.base import Setup
 from paddlectl.registry.check import check
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
+from small_transfer import SMALL
 from trials.runs import (
     FRAMES,
     KINDS,
@@ -107,7 +110,7 @@ def test_stopped_every_few_rounds_it_ends_the_same(
 
 def stopped(registry: Registry, rounds: int = 3) -> str:
     with pytest.raises(KeyboardInterrupt):
-        train_source(TrainJob("GapBall", 0, FRAMES), registry, quiet, Pace(0.0, StopAfter(rounds)))
+        train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet, Pace(0.0, StopAfter(rounds)))
     return registry.runs()[0].id
 
 
@@ -170,7 +173,7 @@ def test_a_run_that_this_version_would_begin_otherwise_is_refused(
 ) -> None:
     registry = Registry.open(place)
     run = stopped(registry)
-    monkeypatch.setattr(sources, "load", lambda name: replace(load(name), **change))
+    monkeypatch.setattr(runner, "load", lambda name: replace(load(name), **change))
     with pytest.raises(IntegrityError, match="doesn't fit this version"):
         resume(run, registry, quiet, Pace())
 
@@ -202,14 +205,7 @@ class Mute:
 
 
 def with_witness(witness: Any, patch: pytest.MonkeyPatch) -> None:
-    train = training.train
-
-    def watched(*given: Any) -> Learning:
-        learning = train(*given)
-        learning.rollout._witnesses = (*learning.rollout._witnesses, witness)
-        return learning
-
-    patch.setattr(training, "train", watched)
+    patch.setattr(hdm, "HybridAgent", partial(HybridAgent, witnesses=[witness]))
 
 
 def test_any_class_that_can_tell_its_state_goes_on_with_the_run(place: Path) -> None:
@@ -218,7 +214,7 @@ def test_any_class_that_can_tell_its_state_goes_on_with_the_run(place: Path) -> 
     for stop in (Stop(), StopAfter(3)):
         with pytest.MonkeyPatch.context() as patch, suppress(KeyboardInterrupt):
             with_witness(witness := Outsider(), patch)
-            train_source(TrainJob("GapBall", 0, FRAMES), registry, quiet, Pace(stop=stop))
+            train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet, Pace(stop=stop))
         told.append(witness.snapshot())
     assert 0 < len(told[1]) < len(told[0])
     with pytest.MonkeyPatch.context() as patch:
@@ -233,9 +229,9 @@ def test_what_cant_be_captured_is_told_before_anything_is_learned(
     registry = Registry.open(place)
     with_witness(Mute(), monkeypatch)
     with pytest.raises(PaddlectlError) as caught:
-        train_source(TrainJob("GapBall", 0, FRAMES), registry, quiet)
+        train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet)
     assert str(caught.value) == (
-        f"learning.rollout._witnesses[1]: a Mute of module {__name__} can't be captured: "
+        f"learning.agent.rollout._witnesses[0]: a Mute of module {__name__} can't be captured: "
         "give it snapshot() and restore()"
     )
     run = registry.runs()[0]
@@ -280,18 +276,19 @@ def made_up(count: int) -> Iterator[Round]:
     ended: list[Episode] = []
     for order in range(count):
         place = order ^ 1  # the second of two ends first
-        scenes = (np.arange(30) * order) % 7
-        decisions = Decisions.empty(30)._replace(scenes=scenes)
-        ended.append(Episode(place, 20 * place, 20 * order + 40, place % 3 / 2, 20, decisions))
+        scenes = tuple({number * order % 7 for number in range(30)})
+        ended.append(Episode(place, 20 * place, 20 * order + 40, place % 3 / 2, 20, scenes))
         if len(ended) == LANES:
-            yield Round(20 * order + 40, ended)
+            yield Round(20 * order + 40, ended, {})
             ended = []
 
 
 def after(count: int, place: Path) -> Kept:
     """What a checkpoint takes after so many episodes, at best."""
     registry = Registry.open(place)
-    learning = training.train(HybridPolicy(task := load("GapBall"), 0, settings_for(task)), 0, FRAMES)
+    task = load("GapBall")
+    agent = hdm.make(Setup(task, settings_for(task, SMALL), 0, FRAMES))
+    learning = Learning(task.make(LANES, 0), agent, FRAMES)
     run = registry.add_run(
         kind="train",
         method="hdm",
@@ -302,12 +299,13 @@ def after(count: int, place: Path) -> Kept:
         settings={},
         versions={},
     )
-    recent = sources._Recent(len(learning.policy.clauses.bodies))
     pace = Pace(3600.0)
     with recorded(registry, run) as log, kept() as found:
-        with pace.rounds(registry, log, {"learning": learning, "recent": recent}) as after_round:
+        with pace.rounds(registry, log, {"learning": learning}) as after_round:
             for round_ in made_up(count):
-                recent.add(log.add(round_))
+                for episode in round_.episodes:
+                    agent._recent.add(episode.scenes)
+                log.add(round_)
                 log.write(round_)
                 after_round()
             pace.stop.asked = True
@@ -390,8 +388,8 @@ def test_a_run_that_died_after_its_policy_was_kept_gets_no_second_one(
         raise MemoryError
 
     with monkeypatch.context() as patch, pytest.raises(MemoryError):
-        patch.setattr(sources, "_figures", dies)
-        train_source(TrainJob("GapBall", 0, FRAMES), registry, quiet, Pace(0.0))
+        patch.setattr(runner, "figures_of", dies)
+        train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet, Pace(0.0))
     run = registry.runs()[0]
     count = len(registry.policies())
     resume(run.id, registry, quiet, Pace())
