@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from paddlectl.hybrid import training
+from paddlectl.agents.evaluation import evaluate
+from paddlectl.agents.interaction import Learning
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
 from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Outcome
 from paddlectl.learners.buffers import TARGET
@@ -15,7 +16,8 @@ from paddlectl.learners.clauses import ClauseSettings
 from paddlectl.learners.ppo import PPO, PPOSettings
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
-from paddlectl.transfer import guides, paddle
+from paddlectl.methods.paddle import PaddleAgent
+from paddlectl.transfer import guides
 from paddlectl.transfer.account import Account
 from paddlectl.transfer.candidates import Source, candidates_of, most_similar
 from paddlectl.transfer.guidance import GuidanceSettings, PaperSettings
@@ -100,6 +102,11 @@ def one_of_each(mode, policy, given, lanes=1, seed=0, readings=LETTER):
     )
     chooser.refresh()
     return chooser
+
+
+def learning(policy, given, chooser, seed, frames):
+    environment = policy.task.make(policy.settings.lanes, seed, policy.action_repeat)
+    return Learning(environment, PaddleAgent(policy, given, chooser, {}, seed, frames), frames)
 
 
 def decide(chooser, scene, lane=0):
@@ -350,7 +357,7 @@ def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():
     settings = HybridSettings(lanes=2, block=16, decisions=decisions)
     policy, given = target(settings=settings), sources(WALK, actor=ByScript(STAY))
     chooser = one_of_each("default", policy, given, lanes=2)
-    for _ in paddle.learn(policy, given, chooser, 0, 2000):
+    for _ in learning(policy, given, chooser, 0, 2000):
         pass
     guided, own = [], []
     for decision in (d for episode in chooser.traces for d in episode):
@@ -384,11 +391,10 @@ def learn(mode, seed, actor=None, frames=640, watch=lambda chooser, given: None)
     given = sources("1.0 :: gt_end() :- !far()\n1.0 :: gt_end() :- far()", actor=actor)
     chooser = one_of_each(mode, policy, given, lanes=SMALL.lanes, seed=seed)
     rounds = []
-    for round_ in paddle.learn(policy, given, chooser, seed, frames):
+    for round_ in learning(policy, given, chooser, seed, frames):
         rounds.append(round_)
         watch(chooser, given)
-    episodes = [(*e[:5], *(c.tolist() for c in e.decisions)) for r in rounds for e in r.episodes]
-    return policy.state(), rounds, episodes
+    return policy.state(), rounds, [episode for round_ in rounds for episode in round_.episodes]
 
 
 @pytest.mark.parametrize("mode", ["paper", "default"])
@@ -431,8 +437,8 @@ def test_a_good_source_gives_a_jump_start_and_its_skill_is_learned():
     assert np.mean([e.score > 0 for e in early]) >= 0.4  # at random it is hardly ever solved
     taught = target()
     taught.load(state)
-    alone = training.evaluate(taught, TASK, 20, 7)
-    untaught = training.evaluate(target(), TASK, 20, 7)
+    alone = evaluate(taught, TASK, 20, 7)
+    untaught = evaluate(target(), TASK, 20, 7)
     assert alone.success_rate > untaught.success_rate
 
 
@@ -448,9 +454,9 @@ def test_evaluation_never_plays_the_layouts_that_were_trained_on():
     made.clear()
     given = sources(WALK)
     chooser = one_of_each("paper", policy, given, lanes=SMALL.lanes)
-    list(paddle.learn(policy, given, chooser, 5, 64))
+    list(learning(policy, given, chooser, 5, 64))
     trained_on = set(made)
     made.clear()
-    training.evaluate(policy, policy.task, 4, 5)
+    evaluate(policy, policy.task, 4, 5)
     assert trained_on
     assert trained_on.isdisjoint(made)
