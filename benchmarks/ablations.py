@@ -35,7 +35,7 @@ class Ablation:
 
     meaning: str
     rules: dict[str, float] = field(default_factory=dict)
-    hybrid: dict[str, Any] = field(default_factory=dict)
+    changes: dict[str, Any] = field(default_factory=dict)
     guidance: Guidance = field(default_factory=Guidance)
 
 
@@ -71,7 +71,7 @@ RULES = {
     ),
     "practice": Ablation("the target never practises a subgoal of its own", {"practice_rate": 0.0}),
     "patience": Ablation(
-        "a source gets as many steps as the target", hybrid={"decisions": {"patience": 1.0}}
+        "a source gets as many steps as the target", changes={"decisions": {"patience": 1.0}}
     ),
     "inheritance": Ablation("the target's low level starts anew", {"inheritance": 0.0}),
     "weakening": Ablation("it inherits its source's preferences at full strength", {"inheritance": 1.0}),
@@ -82,10 +82,10 @@ RULES = {
     "target_memory": Ablation("the target's return is over all of its decisions", {"target_memory": 1e9}),
     "planned_credit": Ablation(
         "clause weights learn from Monte-Carlo returns, as in the paper",
-        hybrid={"credit": {"planned": False}},
+        changes={"credit": {"planned": False}},
     ),
-    "block": Ablation("an update every 64 steps", hybrid={"block": 64}),
-    "fourth_epoch": Ablation("three passes over each block", hybrid={"low_level": {"epochs": 3}}),
+    "block": Ablation("an update every 64 steps", changes={"block": 64}),
+    "fourth_epoch": Ablation("three passes over each block", changes={"low_level": {"epochs": 3}}),
     "paper": Ablation("all rules of guidance are off: Λ = ψ + Φ", guidance=Guidance(mode="paper")),
     **{
         f"paper_{name}": Ablation(f"the same, and {name} as the letter has it", guidance=Guidance(**letter))
@@ -114,10 +114,10 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Transfe
             sources = paired_sources(registry, plain, seed)
             for rule in options.rules:
                 off = RULES[rule]
-                changes = {"name": f"{plain.name}{ABLATION}{rule}", "guidance": off.guidance}
-                scenario = plain.model_copy(update=changes)
+                told = {"name": f"{plain.name}{ABLATION}{rule}", "guidance": off.guidance}
+                scenario = plain.model_copy(update=told)
                 rules = GuidanceSettings(**off.rules)
-                yield TransferJob(scenario, sources, "paddle", seed, options.frames, rules, off.hybrid)
+                yield TransferJob(scenario, sources, "paddle", seed, options.frames, rules, off.changes)
 
 
 def shown(results: Result) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from paddlectl.experiments.sources import EVALUATION_SEED
+from paddlectl.experiments.policies import EVALUATION_SEED
 from paddlectl.tasks import suite
 from paddlectl.tasks.minigrid.grid import ABSENT, Held
 from paddlectl.tasks.minigrid.layouts import SPECS, Layouts

@@ -25,14 +25,18 @@ Result = dict[str, Any]
 
 def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
     """One run, as `paddle` sets it up but for its guides."""
+    import numpy as np
     import torch
 
+    from paddlectl.agents.evaluation import evaluate
+    from paddlectl.agents.interaction import Learning
     from paddlectl.experiments.curves import curve_figures, in_order
     from paddlectl.experiments.log import versions
-    from paddlectl.experiments.sources import EVALUATION_EPISODES, EVALUATION_SEED
-    from paddlectl.experiments.transfers import _inherit, _mapping, _source
-    from paddlectl.hybrid import training
-    from paddlectl.hybrid.policy import HybridPolicy, settings_for
+    from paddlectl.experiments.policies import EVALUATION_EPISODES, EVALUATION_SEED
+    from paddlectl.experiments.runner import _source
+    from paddlectl.hybrid.agent import HybridAgent
+    from paddlectl.hybrid.policy import HybridPolicy, OwnProgram, settings_for
+    from paddlectl.methods.paddle import _guide, _inherit, _mapping
     from paddlectl.tasks.suite import load
     from paddlectl.transfer.guidance import GuidanceSettings
 
@@ -40,21 +44,26 @@ def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
     scenario, seed = scenario_of(job[0]), job[1]
     task, opened = load(scenario.target), Registry.open(registry)
     target = HybridPolicy(task, seed, settings_for(task))
-    sources = [_source(opened, policy) for policy in paired_sources(opened, scenario, seed)]
+    sources = [_guide(_source(opened, policy)) for policy in paired_sources(opened, scenario, seed)]
     mapping, _ = _mapping(target, sources, scenario.similarity)
     _inherit(target, sources, mapping, GuidanceSettings().inheritance)
-    learning = training.train(target, seed, frames or BUDGETS[task.name])
+    layouts, choices = np.random.SeedSequence(seed).spawn(2)
+    chooser = OwnProgram(target, np.random.default_rng(choices))
+    actions = np.random.default_rng(layouts.spawn(1)[0])
+    agent = HybridAgent(target, chooser, [target.low_level], actions)
+    environment = task.make(target.settings.lanes, int(layouts.generate_state(1)[0]))
+    learning = Learning(environment, agent, frames or BUDGETS[task.name])
     episodes, progress = [], []
     for round_ in learning:
         episodes += [Ended(e.order, e.started, e.finished, e.score) for e in round_.episodes]
         progress.append({"frames": round_.frames, "seconds": None})
-    found = training.evaluate(target, task, EVALUATION_EPISODES, EVALUATION_SEED)
+    found = evaluate(target, task, EVALUATION_EPISODES, EVALUATION_SEED)
     known = in_order(episodes)
     return {
         "name": f"{task.name}, inheritance without guides, scenario {scenario.name}",
         "seed": seed,
-        "frames": learning.rollout.frames,
-        **curve_figures(episodes, learning.rollout.frames),
+        "frames": learning.frames,
+        **curve_figures(episodes, learning.frames),
         "to_success": {str(bar): _reached(known, progress, bar) for bar in BARS},
         "success": found.success_rate,
         "mean_length": found.mean_length,

@@ -74,11 +74,11 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
     Raises:
         NotFoundError: If a source that a transfer needs has no policy yet.
     """
-    hybrid = {"low_level": {"epochs": options.epochs}} if options.epochs else {}
+    changes = {"low_level": {"epochs": options.epochs}} if options.epochs else {}
     if "sources" in options.parts:
         for seed in options.seeds:
-            yield from (TrainJob(task, seed, options.frames, hybrid) for task in options.tasks)
-    transfer = partial(TransferJob, hybrid=hybrid)
+            yield from (TrainJob(task, seed, options.frames, changes) for task in options.tasks)
+    transfer = partial(TransferJob, changes=changes)
     scratch = set()
     for name in options.scenarios if set(options.parts) & {"paddle", "hdm"} else ():
         scenario = scenario_of(name)
@@ -90,7 +90,7 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
                 scratch.add((scenario.target, seed))
                 yield transfer(scenario, (), "hdm", seed, frames)
     if "random" in options.parts:
-        yield from (_with_random(registry, seed, options.frames, hybrid) for seed in options.seeds)
+        yield from (_with_random(registry, seed, options.frames, changes) for seed in options.seeds)
     for name, read in READINGS.items() if "paper" in options.parts else ():
         for plain in map(scenario_of, PAPER_SCENARIOS):
             scenario = plain.model_copy(update={"name": plain.name + name, "guidance": read})
@@ -117,9 +117,9 @@ def paired_sources(registry: Registry, scenario: Scenario, seed: int) -> tuple[s
     return tuple(latest[task] for task in scenario.sources)
 
 
-def _with_random(registry: Registry, seed: int, frames: int | None, hybrid: Result) -> TransferJob:
+def _with_random(registry: Registry, seed: int, frames: int | None, changes: Result) -> TransferJob:
     """Scenario A with new random policies of the other source tasks, no two of one seed, after its own."""
-    from paddlectl.experiments.sources import random_source
+    from paddlectl.experiments.runner import random_source
 
     plain = scenario_of(WITH_RANDOM)
     sources = paired_sources(registry, plain, seed)
@@ -128,7 +128,7 @@ def _with_random(registry: Registry, seed: int, frames: int | None, hybrid: Resu
     policies = tuple(random_source(task, seeds[task], registry).id for task in others)
     scenario = plain.model_copy(update={"name": plain.name + RANDOM, "sources": (*plain.sources, *others)})
     return TransferJob(
-        scenario, sources + policies, "paddle", seed, frames or BUDGETS[plain.target], hybrid=hybrid
+        scenario, sources + policies, "paddle", seed, frames or BUDGETS[plain.target], changes=changes
     )
 
 
@@ -250,7 +250,7 @@ def _reached(episodes: Sequence[Ended], progress: Sequence[Result], bar: float) 
 
 def shortest_mean_length(task: str) -> Result:
     """Mean length of the shortest plans on the very layouts that policies are evaluated on."""
-    from paddlectl.experiments.sources import EVALUATION_EPISODES, EVALUATION_SEED
+    from paddlectl.experiments.policies import EVALUATION_EPISODES, EVALUATION_SEED
     from paddlectl.tasks import suite
     from paddlectl.tasks.minigrid.layouts import SPECS, Layouts
 

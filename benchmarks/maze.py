@@ -101,7 +101,7 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[tuple[s
             yield f"without {name} {options.task} seed {seed}", source
         for name in GUIDED if "guided" in options.parts else ():
             job = transfer(
-                sources=paired_sources(registry, scenario, seed), method="paddle", hybrid=GUIDED[name]
+                sources=paired_sources(registry, scenario, seed), method="paddle", changes=GUIDED[name]
             )
             yield f"without {name} {target} seed {seed}", job
 
@@ -124,7 +124,7 @@ def figures(registry: Registry, record: RunRecord) -> Result:
             "mean_length": policy.mean_length,
         },
         "crispness": policy.crispness,
-        "program": policy.program.splitlines(),
+        "program": (policy.program or "").splitlines(),
         f"success_first_{FIRST}": _mean([score > 0 for score in scores[:FIRST]], FIRST),
         f"score_first_{FIRST}": _mean(scores[:FIRST], FIRST),
         "success_last_100": _mean([score > 0 for score in scores[-100:]], 100),

@@ -22,11 +22,13 @@ from typing import Any
 
 import torch
 
+from paddlectl.agents.interaction import Learning
 from paddlectl.experiments.jobs import Progress, TrainJob
-from paddlectl.experiments.sources import train_source
-from paddlectl.hybrid import training
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.experiments.runner import train_source
+from paddlectl.hybrid.policy import HybridSettings
 from paddlectl.learners.ppo import PPO
+from paddlectl.methods.base import Setup
+from paddlectl.methods.hdm import HDM
 from paddlectl.registry.store import Registry
 from paddlectl.tasks import suite
 
@@ -88,8 +90,9 @@ def profile(task: str, rounds: int = 3, most: int = 12) -> dict[str, float]:
     """The operations that take the largest shares of PyTorch's time."""
     torch.set_num_threads(1)
     settings = HybridSettings()
-    policy = HybridPolicy(suite.load(task), 0, settings)
-    trained = training.train(policy, 0, (rounds + 1) * settings.lanes * settings.block)
+    loaded, frames = suite.load(task), (rounds + 1) * settings.lanes * settings.block
+    agent = HDM.make(Setup(loaded, settings, 0, frames))
+    trained = Learning(loaded.make(settings.lanes, 0), agent, frames)
     next(trained)
     with torch.profiler.profile(activities=[torch.profiler.ProfilerActivity.CPU]) as profiled:
         for _ in trained:

@@ -192,6 +192,9 @@ def test_its_settings_go_with_it(soft: Registry, tmp_path: Path, monkeypatch: py
 
 def test_an_older_policy_has_the_settings_of_its_run(soft: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
     policy = dataclasses.replace(soft.policy("policy-1"), metadata={})
+    run = soft.run(policy.run)
+    older = dataclasses.replace(run, settings={"hybrid": run.settings["learning"]})  # as runs had them then
+    monkeypatch.setattr(Registry, "run", lambda *_: older)
     other_defaults(monkeypatch)
     assert played(soft, policy) == stored(policy)
 

@@ -11,6 +11,7 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import create_engine
 
+from filler import Filler
 from paddlectl.errors import IntegrityError, PaddlectlError, SchemaVersionError
 from paddlectl.registry import database, schema, sqlite
 from paddlectl.registry.check import check
@@ -20,8 +21,8 @@ from released import SCHEMAS, rebuilt
 SECOND = """
 from alembic import op
 import sqlalchemy as sa
-revision = "0004"
-down_revision = "0003"
+revision = "0005"
+down_revision = "0004"
 
 def upgrade():
     with op.batch_alter_table("runs") as batch:
@@ -93,7 +94,7 @@ def test_how_a_registry_is_kept(registry: Registry, location: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("stamp", ["0004", "9f3c1a", "0000"])
+@pytest.mark.parametrize("stamp", ["0005", "9f3c1a", "0000"])
 def test_another_versions_registry_is_refused_byte_for_byte(
     registry: Registry, add: Any, location: Path, stamp: str
 ) -> None:
@@ -118,7 +119,7 @@ def test_another_versions_registry_is_refused_byte_for_byte(
 
 
 @pytest.mark.parametrize(
-    "change", ["DELETE FROM alembic_version", "INSERT INTO alembic_version VALUES ('0004')"]
+    "change", ["DELETE FROM alembic_version", "INSERT INTO alembic_version VALUES ('0005')"]
 )
 def test_a_registry_without_one_clear_stamp_is_damaged(
     registry: Registry, location: Path, change: str
@@ -166,6 +167,21 @@ def test_one_step_down_and_up_again_loses_only_what_the_older_cant_hold(tmp_path
     assert not check(place, read_data=True).faults
 
 
+@pytest.mark.parametrize("released", SCHEMAS)
+def test_an_id_that_was_given_once_isnt_given_again_after_an_upgrade(released: str, tmp_path: Path) -> None:
+    place = rebuilt(released, tmp_path / "old")
+    _query(place / "registry.db", "UPDATE sqlite_sequence SET seq = 90")  # those up to 90 were removed
+    with Registry.open(place) as opened:
+        add = Filler(opened)
+        run = add.run().id
+        assert (run, add.policy(run).id) == ("run-91", "policy-91")
+
+
+def test_a_policy_may_be_kept_without_a_program(registry: Registry, add: Any) -> None:
+    add.policy(add.run().id, program=None, crispness=None)
+    assert (registry.policy("policy-1").program, registry.policy("policy-1").crispness) == (None, None)
+
+
 # A further revision, which there isn't yet
 
 
@@ -175,9 +191,9 @@ def next_version(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     folder = tmp_path / "100% migrations"
     shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(database, "MIGRATIONS", folder)
-    monkeypatch.setattr(schema, "REVISIONS", (*schema.REVISIONS, "0004"))
+    monkeypatch.setattr(schema, "REVISIONS", (*schema.REVISIONS, "0005"))
     monkeypatch.setattr("paddlectl.registry.store.REVISIONS", schema.REVISIONS)
-    return folder / "versions" / "0004_note.py"
+    return folder / "versions" / "0005_note.py"
 
 
 def test_an_older_registry_is_copied_and_upgraded(
@@ -190,12 +206,12 @@ def test_an_older_registry_is_copied_and_upgraded(
     before = _query(path, "SELECT * FROM runs")
     Registry.open(location, create=False)
     Registry.open(location, create=False)
-    assert _query(path, "SELECT version_num FROM alembic_version") == [("0004",)]
+    assert _query(path, "SELECT version_num FROM alembic_version") == [("0005",)]
     assert _query(path, "SELECT * FROM runs") == [(*before[0], None)]
     assert _query(path, "SELECT id, run FROM policies") == [(3, 7)]
-    (copy,) = location.glob("registry.db.0003.*")
+    (copy,) = location.glob("registry.db.0004.*")
     assert _query(copy, "SELECT * FROM runs") == before
-    assert _query(copy, "SELECT version_num FROM alembic_version") == [("0003",)]
+    assert _query(copy, "SELECT version_num FROM alembic_version") == [("0004",)]
     with pytest.raises(sqlite3.IntegrityError):  # the foreign key outlived the move of its table
         connection = sqlite3.connect(path)
         connection.execute("PRAGMA foreign_keys=ON")
@@ -215,7 +231,7 @@ def test_a_failed_upgrade_leaves_the_registry_as_it_was_and_may_be_tried_again(
     next_version.write_text(SECOND.format(then=""))
     Registry.open(location)
     assert not _query(path, "SELECT name FROM sqlite_master WHERE name LIKE '_alembic_tmp%'")
-    assert _query(path, "SELECT version_num FROM alembic_version") == [("0004",)]
+    assert _query(path, "SELECT version_num FROM alembic_version") == [("0005",)]
 
 
 def test_an_upgrade_that_orphans_rows_is_undone(

@@ -69,9 +69,7 @@ def begin(kind: str, registry: Registry, pace: Pace, rounds: int = ROUNDS) -> di
         return train_source(TrainJob("CoffeeMaze", 0, rounds * 8 * 8 * 20, IN_MAZE), registry, quiet, pace)
     method, _, mode = kind.partition(" ")
     policies = ("policy-1", "policy-2")
-    return run_transfer(
-        job(policies, mode or "default", method, frames=frames), registry, quiet, pace
-    )
+    return run_transfer(job(policies, mode or "default", method, frames=frames), registry, quiet, pace)
 
 
 def ended(registry: Registry, run: str) -> dict[str, Any]:
