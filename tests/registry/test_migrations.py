@@ -53,7 +53,7 @@ def _layout(path: Path) -> dict[str, list[Any]]:
     for table in tables:
         layout[f"{table}.index_list"] = sorted(index[1:] for index in layout[f"{table}.index_list"])
     sql = _query(path, "SELECT sql FROM sqlite_master WHERE sql LIKE '%AUTOINCREMENT%' ORDER BY name")
-    return layout | {"autoincrement": [text.split()[2] for (text,) in sql]}
+    return layout | {"autoincrement": [text.split()[2].strip('"') for (text,) in sql]}
 
 
 def test_migrating_gives_the_tables_of_the_schema(registry: Registry, location: Path, tmp_path: Path) -> None:
