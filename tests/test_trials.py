@@ -11,10 +11,10 @@ from soak import RESULTS, TRIALS
 
 SOAK = Path(__file__).with_name("soak.py")
 COUNTS = {
-    "killed_writers": 200,
-    "killed_care": 10,
-    "killed_runs": 8,
-    "stopped_runs": 10,
+    "killed_writers": 60,
+    "killed_care": 5,
+    "killed_runs": 5,
+    "stopped_runs": 5,
     "shared_folders": 3,
     "live_readers": 32,
     "failing_writes": 1,

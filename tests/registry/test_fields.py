@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from filler import ARRAYS, Filler
-from paddlectl.cli.completion import run_names, stopped_names
-from paddlectl.cli.options import parse_seeds
+from paddlectl.cli.completion import stopped_names, transfer_names
 from paddlectl.errors import IntegrityError, UsageError
 from paddlectl.experiments.jobs import TransferJob
 from paddlectl.experiments.resuming import job_of
@@ -25,6 +24,7 @@ from paddlectl.registry.store import Registry
 from paddlectl.scenario import METHODS, Scenario, load_scenario
 from paddlectl.tasks.suite import load, names
 from paddlectl.transfer.guidance import GuidanceSettings
+from paddlectl.whole import seeds as parse_seeds
 from samples import SCENARIO
 from soak import memory_folder
 
@@ -114,8 +114,10 @@ def test_whatever_is_stored_can_be_exported_and_taken_in_again(
         bundles.export(other, "run-1", Path(folder, "again.zip"))
         assert Path(folder, "again.zip").read_bytes() == bundle.read_bytes()
         assert not {f.kind for f in check(there, read_data=True).faults} - {"missing source"}
-        assert run_names(str(there))[1][0] == "run-1"
-        assert bool(stopped_names(str(there))) == (one.status != "finished")
+        explained = [name for name, _ in transfer_names(str(there))]
+        assert explained == (["latest", "run-1"] if one.kind == "transfer" else [])
+        goes_on = one.status != "finished" and one.method != "random" and not one.sources
+        assert [name for name, _ in stopped_names(str(there))] == ["run-1"] * goes_on
 
 
 @pytest.mark.parametrize("name", ["A, with GapBall, v2", "x" * 70, "x" * 80, "1", "a ", "A+B, C_d.e-f"])
