@@ -398,3 +398,23 @@ def test_a_run_that_died_after_its_policy_was_kept_gets_no_second_one(
     assert len(registry.policies()) == count
     assert registry.run(run.id).policy == run.policy
     assert ended(registry, run.id) == unbroken["train"]
+
+
+def test_a_resumption_that_cannot_begin_leaves_the_run_as_it_was(tmp_path: Path) -> None:
+    registry = Registry.open(tmp_path / "registry")
+    with small(), pytest.raises(KeyboardInterrupt):
+        begin("train", registry, Pace(stop=StopAfter(3)))
+    before = registry.run("run-1")
+    for arrays in (registry.folder / "runs" / "run-1" / "checkpoints").glob("*.safetensors"):
+        arrays.rename(arrays.with_suffix(".away"))
+    with small(), pytest.raises(IntegrityError):
+        resume("run-1", registry, quiet, Pace())
+    after = registry.run("run-1")
+    assert (after.status, after.frames, after.episodes) == ("interrupted", before.frames, before.episodes)
+    assert before.frames > 0
+    assert [run.id for run in registry.stopped_runs()] == ["run-1"]
+    for arrays in (registry.folder / "runs" / "run-1" / "checkpoints").glob("*.away"):
+        arrays.rename(arrays.with_suffix(".safetensors"))
+    with small():
+        resume("run-1", registry, quiet, Pace())
+    assert registry.run("run-1").status == "finished"
