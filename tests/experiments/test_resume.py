@@ -29,6 +29,7 @@ from paddlectl.hybrid.rollout import Decisions, Episode, Outcome
 from paddlectl.hybrid.training import Learning, Round
 from paddlectl.learners import ppo
 from paddlectl.registry.check import check
+from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 from trials.runs import (
@@ -288,11 +289,9 @@ def made_up(count: int) -> Iterator[Round]:
             ended = []
 
 
-def after(count: int, place: Path) -> Kept:
-    """What a checkpoint takes after so many episodes, at best."""
-    registry = Registry.open(place)
-    learning = training.train(HybridPolicy(task := load("GapBall"), 0, settings_for(task)), 0, FRAMES)
-    run = registry.add_run(
+def entered(registry: Registry) -> RunRecord:
+    """A run that does nothing by itself."""
+    return registry.add_run(
         kind="train",
         method="hdm",
         task="GapBall",
@@ -302,6 +301,13 @@ def after(count: int, place: Path) -> Kept:
         settings={},
         versions={},
     )
+
+
+def after(count: int, place: Path) -> Kept:
+    """What a checkpoint takes after so many episodes, at best."""
+    registry = Registry.open(place)
+    learning = training.train(HybridPolicy(task := load("GapBall"), 0, settings_for(task)), 0, FRAMES)
+    run = entered(registry)
     recent = sources._Recent(len(learning.policy.clauses.bodies))
     pace = Pace(3600.0)
     with recorded(registry, run) as log, kept() as found:
@@ -336,16 +342,7 @@ def test_the_checkpoints_of_a_run_are_of_one_size(place: Path) -> None:
 
 def test_a_checkpoint_reads_of_the_tables_only_what_is_new(tmp_path: Path) -> None:
     registry = Registry.open(tmp_path)
-    run = registry.add_run(
-        kind="train",
-        method="hdm",
-        task="GapBall",
-        scenario=None,
-        sources=(),
-        seed=0,
-        settings={},
-        versions={},
-    ).id
+    run = entered(registry).id
     table = registry.folder / "runs" / run / "episodes.jsonl"
     for number in range(3):
         registry.append_rows(run, "episodes", [{"order": number}])
