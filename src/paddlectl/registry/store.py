@@ -374,7 +374,8 @@ def database_of(location: str | Path) -> Database:
     if not text or "\0" in text:
         raise UsageError("that is no place for a registry", "give a folder")
     folder = Path(text)
-    if not folder.is_dir() and (folder.is_symlink() or folder.exists()):
+    taken = folder.is_symlink() or folder.exists()  # asked first: another process may make it meanwhile
+    if taken and not folder.is_dir():
         raise UsageError(f"{shown(text)} is no folder", _PLACES)
     return SqliteDatabase(folder)
 
