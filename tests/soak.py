@@ -51,7 +51,7 @@ TRIALS = {
     "makers_at_once": Trial("crowds", 10, 200),
     "shared_folders": Trial("sharing", 10, 200),
     "live_readers": Trial("live", 200, 1000),
-    "failing_writes": Trial("disks", 1, 1),
+    "failing_writes": Trial("disks", 1, 20),
     "full_disk": Trial("disks", 50, 1000),
     "changed_files": Trial("changes", 2000, 100_000),
     "index_files": Trial("fuzz", 500, 20_000),

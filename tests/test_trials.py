@@ -11,20 +11,17 @@ from soak import RESULTS, TRIALS
 
 SOAK = Path(__file__).with_name("soak.py")
 COUNTS = {
-    "killed_writers": 200,
-    "killed_care": 10,
-    "killed_runs": 8,
-    "stopped_runs": 10,
+    "killed_writers": 60,
+    "killed_care": 3,
     "shared_folders": 3,
     "live_readers": 32,
-    "failing_writes": 1,
-    "full_disk": 6,
-    "yaml_files": 10_000,
-    "programs": 10_000,
-    "index_files": 60,
-    "changed_files": 2000,
+    "full_disk": 3,
+    "yaml_files": 5000,
+    "programs": 5000,
+    "index_files": 40,
+    "changed_files": 800,
     "healthy_registries": 20,
-    "command_lines": 1000,
+    "command_lines": 500,
 }
 
 

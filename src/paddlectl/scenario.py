@@ -278,6 +278,8 @@ def _advice(path: KeyPath, kind: str, written: str) -> str:
             return f"write {_share(written)}"
         case "string_type":
             return f'write "{written}"'
+        case "tuple_type" if path == ("seeds",):
+            return "write them as 0-5 or 0,3,7"
         case "tuple_type":
             return f"write [{written}]"
         case "model_type" | "model_attributes_type" if path in _SECTIONS and path:

@@ -47,7 +47,7 @@ USAGE = [
     ("train BoxDoor --frames 0", "0 is not in the range 1 to 1000000000000"),
     ("train BoxDoor --frames 1000000000001", "not in the range"),
     ("transfer scenarios/A.yaml --frames 1000000000001", "not in the range"),
-    ("runs --limit 0", "0 is not in the range x>=1"),
+    ("runs --limit 0", "0 is not in the range 1<=x<=2147483647"),
     ("policies --all --limit 5", "--all and --limit exclude each other"),
     ("evaluate BoxDoor --episodes 0", "not in the range"),
     (f"similarity --target {TARGET} --body-weight 1.5", "a weight lies in [0, 1]"),
@@ -176,10 +176,9 @@ def test_a_registry_that_is_none(command: Command, tmp_path: Path) -> None:
     expect(command("runs"), 5)
 
 
-def test_a_place_where_no_registry_can_be(command: Command, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    for place in (tmp_path / "file", "/proc/nowhere/registry"):
-        expect(command("train", "BoxDoor", "--registry", place), 1, str(place))
+def test_a_place_where_no_registry_can_be(command: Command) -> None:
+    place = "/proc/nowhere/registry"
+    expect(command("train", "BoxDoor", "--registry", place), 1, place)
 
 
 def test_a_full_disk_behind_stdout(registry: Registry) -> None:
@@ -374,3 +373,15 @@ def test_an_interrupt_while_the_command_line_is_loaded(tmp_path: Path) -> None:
     environment = {"PYTHONPATH": f"{tmp_path}:{ROOT / 'src'}"}
     done = subprocess.run(line, shell=True, env=environment, capture_output=True, timeout=60, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
+@pytest.mark.parametrize("kind", ["file", "dangling link", "loop"])
+def test_a_place_that_is_no_folder(command: Command, tmp_path: Path, kind: str) -> None:
+    place = tmp_path / "place"
+    if kind == "file":
+        place.write_text("")
+    else:
+        place.symlink_to("place" if kind == "loop" else "nowhere")
+    for line in ("runs", "train BoxDoor --frames 1", "registry check", "registry repair"):
+        answer = command(*line.split(), "--registry", place)
+        expect(answer, 2, "is no folder", "give a folder")

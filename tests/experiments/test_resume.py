@@ -31,6 +31,7 @@ from paddlectl.learners import ppo
 from paddlectl.methods import hdm
 from paddlectl.methods.base import Setup
 from paddlectl.registry.check import check
+from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 from small_transfer import SMALL
@@ -283,13 +284,9 @@ def made_up(count: int) -> Iterator[Round]:
             ended = []
 
 
-def after(count: int, place: Path) -> Kept:
-    """What a checkpoint takes after so many episodes, at best."""
-    registry = Registry.open(place)
-    task = load("GapBall")
-    agent = hdm.make(Setup(task, settings_for(task, SMALL), 0, FRAMES))
-    learning = Learning(task.make(LANES, 0), agent, FRAMES)
-    run = registry.add_run(
+def entered(registry: Registry) -> RunRecord:
+    """A run that does nothing by itself."""
+    return registry.add_run(
         kind="train",
         method="hdm",
         task="GapBall",
@@ -299,6 +296,15 @@ def after(count: int, place: Path) -> Kept:
         settings={},
         versions={},
     )
+
+
+def after(count: int, place: Path) -> Kept:
+    """What a checkpoint takes after so many episodes, at best."""
+    registry = Registry.open(place)
+    task = load("GapBall")
+    agent = hdm.make(Setup(task, settings_for(task, SMALL), 0, FRAMES))
+    learning = Learning(task.make(LANES, 0), agent, FRAMES)
+    run = entered(registry)
     pace = Pace(3600.0)
     with recorded(registry, run) as log, kept() as found:
         with pace.rounds(registry, log, {"learning": learning}) as after_round:
@@ -334,16 +340,7 @@ def test_the_checkpoints_of_a_run_are_of_one_size(place: Path) -> None:
 
 def test_a_checkpoint_reads_of_the_tables_only_what_is_new(tmp_path: Path) -> None:
     registry = Registry.open(tmp_path)
-    run = registry.add_run(
-        kind="train",
-        method="hdm",
-        task="GapBall",
-        scenario=None,
-        sources=(),
-        seed=0,
-        settings={},
-        versions={},
-    ).id
+    run = entered(registry).id
     table = registry.folder / "runs" / run / "episodes.jsonl"
     for number in range(3):
         registry.append_rows(run, "episodes", [{"order": number}])
@@ -396,3 +393,23 @@ def test_a_run_that_died_after_its_policy_was_kept_gets_no_second_one(
     assert len(registry.policies()) == count
     assert registry.run(run.id).policy == run.policy
     assert ended(registry, run.id) == unbroken["train"]
+
+
+def test_a_resumption_that_cannot_begin_leaves_the_run_as_it_was(tmp_path: Path) -> None:
+    registry = Registry.open(tmp_path / "registry")
+    with small(), pytest.raises(KeyboardInterrupt):
+        begin("train", registry, Pace(stop=StopAfter(3)))
+    before = registry.run("run-1")
+    for arrays in (registry.folder / "runs" / "run-1" / "checkpoints").glob("*.safetensors"):
+        arrays.rename(arrays.with_suffix(".away"))
+    with small(), pytest.raises(IntegrityError):
+        resume("run-1", registry, quiet, Pace())
+    after = registry.run("run-1")
+    assert (after.status, after.frames, after.episodes) == ("interrupted", before.frames, before.episodes)
+    assert before.frames > 0
+    assert [run.id for run in registry.stopped_runs()] == ["run-1"]
+    for arrays in (registry.folder / "runs" / "run-1" / "checkpoints").glob("*.away"):
+        arrays.rename(arrays.with_suffix(".safetensors"))
+    with small():
+        resume("run-1", registry, quiet, Pace())
+    assert registry.run("run-1").status == "finished"

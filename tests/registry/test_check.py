@@ -223,3 +223,14 @@ def test_a_manifest_says_which_of_its_bytes_were_changed(location: Path) -> None
     path.write_text(json.dumps(data))
     with pytest.raises(IntegrityError, match="SHA-256 differs"):
         manifests.read(location, "run-1")
+
+
+def test_an_older_index_without_its_folder_is_refused(location: Path, tmp_path: Path) -> None:
+    older = rebuilt("0002", tmp_path / "older")
+    (location / "identity").unlink()
+    (tmp_path / "alone").mkdir()
+    for place in (location, tmp_path / "alone"):
+        shutil.copy(older / "registry.db", place)
+        for work in (check, repair):
+            with pytest.raises(IntegrityError, match="doesn't belong"):
+                work(place)

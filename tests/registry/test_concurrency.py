@@ -13,7 +13,7 @@ import pytest
 from paddlectl.errors import RegistryBusyError
 from paddlectl.registry import database, sqlite
 from paddlectl.registry.check import check
-from paddlectl.registry.store import Registry
+from paddlectl.registry.store import Registry, database_of
 from released import rebuilt
 from soak import memory_folder
 
@@ -128,6 +128,17 @@ def test_one_process_makes_the_registry_and_the_others_use_it(
     for number in range(len(rounds)):
         found = ids[number * PROCESSES : (number + 1) * PROCESSES]
         assert sorted(found) == sorted(f"run-{n}" for n in range(1, PROCESSES + 1))
+
+
+def test_a_folder_that_another_process_makes_meanwhile_is_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made_while_asked(path: Path) -> bool:
+        path.mkdir()
+        return True
+
+    monkeypatch.setattr(Path, "exists", made_while_asked)
+    assert database_of(tmp_path / "new").folder == tmp_path / "new"
 
 
 def _seen(location: str) -> list[str]:

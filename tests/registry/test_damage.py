@@ -160,7 +160,7 @@ def test_a_folder_in_the_databases_place(location: Path) -> None:
 
 def test_a_file_in_the_folders_place(location: Path) -> None:
     location.write_text("a file")
-    with pytest.raises(PaddlectlError, match="can't be used"):
+    with pytest.raises(PaddlectlError, match="is no folder"):
         Registry.open(location)
     assert location.read_text() == "a file"
 

@@ -15,7 +15,7 @@ from paddlectl.tasks.minigrid.grid import WIDTH, Code, Held
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, draw_layouts
 from planner import shortest_plan
 
-EPISODES, PLANS = 1000, 64
+EPISODES, PLANS = 400, 64
 _TILES = {("yellow", False): Code.YELLOW_TILE, ("yellow", True): Code.BLOCKAGE_PLACED}
 _TILES |= {("red", False): Code.RED_TILE, ("red", True): Code.BALL_PLACED}
 _CODES = {Wall: Code.WALL, Key: Code.KEY, Goal: Code.GOAL}

@@ -73,8 +73,8 @@ def _method(function: Callable[..., Any]) -> Callable[..., Any]:
     return lambda *given, **named: function(*given, **named)
 
 
-def failing_writes(_: int, seed: int, folder: Path) -> dict[str, Any]:
-    """Every operation fails at its first point, its second, … until none is left, with several errors."""
+def failing_writes(count: int, seed: int, folder: Path) -> dict[str, Any]:
+    """Every operation fails at its first point, its second, … until none is left, with one error or two."""
     source = Registry.open(folder / "source")
     for number in range(2):
         write_one(source, number)
@@ -99,7 +99,7 @@ def failing_writes(_: int, seed: int, folder: Path) -> dict[str, Any]:
         kind="train", method="hdm", task="T", scenario=None, sources=[], seed=0, settings={}, versions={}
     )
     for name, work in operations.items():
-        for number in (errno.ENOSPC, errno.EIO):
+        for number in (errno.ENOSPC, errno.EIO)[:count]:
             at = 0
             while True:
                 place = folder / "place"

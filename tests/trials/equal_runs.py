@@ -10,8 +10,7 @@ from paddlectl.experiments.jobs import Job, TrainJob
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.processes import rows_of, run_jobs
 from paddlectl.experiments.resuming import resume
-from paddlectl.experiments.runner import train_source
-from paddlectl.experiments.runner import run_transfer
+from paddlectl.experiments.runner import run_transfer, train_source
 from paddlectl.registry.check import check
 from paddlectl.registry.store import Registry
 from small_transfer import job

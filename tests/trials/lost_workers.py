@@ -67,7 +67,7 @@ def orphans(count: int, seed: int, folder: Path) -> dict[str, Any]:
 
 def lost_workers(count: int, seed: int, folder: Path) -> dict[str, Any]:
     """One of two processes is ended: the other finishes, and what was lost is marked and told."""
-    dice = random.Random(seed)
+    dice, marked = random.Random(seed), 0
     for kill in range(count):
         place = folder / str(kill)
         parent = started(place, 12_288)
@@ -81,10 +81,12 @@ def lost_workers(count: int, seed: int, folder: Path) -> dict[str, Any]:
             lost = [run.id for run in runs if run.status == "interrupted"]
             assert [run.status for run in runs if run.id not in lost] == ["finished"] * (2 - len(lost))
         assert len(lost) <= 1
+        marked += len(lost)
         for run in lost:
             assert parent.returncode == 1
             assert f"{run} was ended by {number.name}" in told, told
             assert f"run: paddlectl resume {run}" in told, told
         assert out.count("policy-") >= 2 - len(lost)
         assert not check(place, read_data=True).faults
-    return {"kills": count, "others_lost": 0}
+    assert marked > count / 2, "most were killed too late"
+    return {"kills": count, "marked": marked, "others_lost": 0}

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 from paddlectl.errors import NotFoundError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from paddlectl.registry.records import PolicyRecord
     from paddlectl.registry.store import Registry
 
@@ -22,13 +24,12 @@ def policy_named(registry: "Registry", name: str) -> "PolicyRecord":
     try:
         return registry.policy(name)
     except NotFoundError as error:
-        solved = {policy.task for policy in registry.policies()}
         if is_id(name) or name in names():
             raise
-        raise NotFoundError(error.message, _way_to(name, names(), solved)) from None
+        raise NotFoundError(error.message, _way_to(name, names(), registry.solved())) from None
 
 
-def _way_to(name: str, tasks: tuple[str, ...], solved: set[str]) -> str:
+def _way_to(name: str, tasks: "Sequence[str]", solved: "Sequence[str]") -> str:
     lowered = {task.lower(): task for task in (*tasks, *solved)}
     near = get_close_matches(name[:80].lower(), lowered, n=1)
     if not near:

@@ -124,7 +124,9 @@ RegistryPlace = Annotated[
 EveryRow = Annotated[bool, typer.Option("--all", help="All of them.")]
 MostRows = Annotated[
     int | None,
-    typer.Option("--limit", min=1, metavar="N", help="The newest N; 50 without.", show_default=False),
+    typer.Option(
+        "--limit", min=1, max=2**31 - 1, metavar="N", help="The newest N; 50 without.", show_default=False
+    ),
 ]
 CheckpointEvery = Annotated[
     float | None,

@@ -79,7 +79,7 @@ def resumable(
             run = registry.run(name)
             require_resumable(run)
         except PaddlectlError as error:
-            if len(names) == 1:
+            if len(names) == 1 and not every:
                 raise
             refused[name] = Failure(name, error)
             continue

@@ -22,7 +22,7 @@ from paddlectl.errors import NotFoundError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from paddlectl.experiments.jobs import TransferJob
+    from paddlectl.cli.running import Asked
     from paddlectl.registry.store import Registry
     from paddlectl.scenario import Scenario
 
@@ -79,19 +79,9 @@ def transfer(
     opened = Registry.open(registry, create=train_missing or teaches is None)
     sources = source_policies(opened, scenario, teaches, registry, train_missing, jobs) if teaches else ()
     with stdout_kept():
-        from paddlectl.cli.running import Asked, run
+        from paddlectl.cli.running import run
 
-        asked = [
-            Asked(
-                job,
-                f"{scenario.name} {method} seed {job.seed}",
-                "transfer",
-                method,
-                scenario.target,
-                job.frames,
-            )
-            for job in transfer_jobs(scenario, sources, method, chosen, frames or scenario.frames)
-        ]
+        asked = asked_for(scenario, sources, method, chosen, frames or scenario.frames)
         ended = run(asked, registry, checkpoint_every, jobs)
     if as_json:
         told = {"scenario": scenario.name, "target": scenario.target}
@@ -135,12 +125,13 @@ def source_policies(
     return tuple(registry.policy(task, teaches).id for task in scenario.sources)
 
 
-def transfer_jobs(
+def asked_for(
     scenario: "Scenario", sources: tuple[str, ...], method: str, seeds: "Sequence[int]", frames: int
-) -> "list[TransferJob]":
+) -> "list[Asked]":
+    """A job for each seed."""
+    from paddlectl.cli.running import Asked
     from paddlectl.experiments.jobs import TransferJob
 
-    return [
-        TransferJob(scenario=scenario, sources=sources, method=method, seed=seed, frames=frames)
-        for seed in seeds
-    ]
+    jobs = [TransferJob(scenario, sources, method, seed, frames) for seed in seeds]
+    name = f"{scenario.name} {method} seed"
+    return [Asked(job, f"{name} {job.seed}", "transfer", method, scenario.target, frames) for job in jobs]

@@ -41,6 +41,7 @@ class RunLog:
         self.results: dict[str, Any] = {}
         self._registry = registry
         self._began = time.monotonic()
+        self._before = run if run.resumes else None
 
     def add(self, round_: Round) -> None:
         """Takes in a round."""
@@ -55,11 +56,19 @@ class RunLog:
 
     def go_on(self, frames: int, seconds: float) -> None:
         """Counts on from what the run had done before it was stopped."""
+        self._before = None
         self.frames = frames
         self._began = time.monotonic() - seconds
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether it has begun, or gone on if it is resumed."""
+        return self._before is None
+
     def counts(self) -> dict[str, Any]:
-        """Frames, episodes and seconds since the start."""
+        """Frames, episodes and seconds since the start; as they were, of a run that hasn't gone on yet."""
+        if self._before is not None:
+            return {name: getattr(self._before, name) for name in ("frames", "episodes", "seconds")}
         seconds = round(time.monotonic() - self._began, 3)
         return {"frames": self.frames, "episodes": self.curve.ended, "seconds": seconds}
 
@@ -95,6 +104,8 @@ def recorded(registry: Registry, run: RunRecord) -> Iterator[RunLog]:
             status = "interrupted"
             raise
         finally:
+            if not log.goes_on:
+                status = "interrupted"  # it is as it was
             registry.finish_run(run.id, status=status, results=log.results, **log.counts())
         registry.drop_checkpoints(run.id)
 

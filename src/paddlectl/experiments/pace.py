@@ -115,6 +115,8 @@ class Pace:
     def _rewind(self, registry: Registry, log: RunLog, kept: dict[str, Any], begun: str) -> None:
         found = registry.rewind(log.run)
         if found is None:
+            self.tell(f"{log.run} has no checkpoint, so it starts from its beginning")
+            log.go_on(0, 0.0)
             return
         for damaged in found.skipped:
             self.tell(f"an earlier checkpoint is used, since {damaged}")
@@ -122,8 +124,8 @@ class Pace:
             raise IntegrityError(
                 "what was saved doesn't fit this version: it would begin the run otherwise", snapshot.HINT
             )
-        log.go_on(found.document["frames"], found.document["seconds"])
         snapshot.restore(kept, found.document["state"], found.arrays)
+        log.go_on(found.document["frames"], found.document["seconds"])
 
 
 def require_resumable(run: RunRecord) -> None:

@@ -4,7 +4,9 @@ import re
 from collections.abc import Callable, Iterable
 from urllib.parse import parse_qsl, quote, quote_plus, unquote
 
-_ODD = re.compile(r":.*@|[?&](password|passwd|pwd)=|^\W*postgres\w*\W.*@", re.IGNORECASE | re.DOTALL)
+_ODD = re.compile(
+    r":.*@|(?:^|[?&\s])(password|passwd|pwd)\s*=|^\W*postgres\w*\W.*@", re.IGNORECASE | re.DOTALL
+)
 _SHORTEST = 3  # characters; less can't be told from the words around it
 _SPELLINGS: tuple[Callable[[str], str], ...] = (quote, quote_plus, lambda secret: repr(secret)[1:-1])
 _KEYS = ("password", "passwd", "pwd", "sslpassword")
@@ -26,7 +28,9 @@ def secrets_of(address: str) -> list[str]:
     login = re.split(r":/*|//", address, maxsplit=1)[-1].rpartition("@")[0]
     user, _, password = login.partition(":")
     found = [login, password, f'"{user}"', f"'{user}'", f'"{unquote(user)}"', f"'{unquote(user)}'"]
-    found += [value for key, value in parse_qsl(address.partition("?")[2]) if key in _KEYS]
+    query = parse_qsl(address.partition("?")[2])
+    found += [value for key, value in query if key in _KEYS]
+    found += [quoted for key, value in query if key == "user" for quoted in (f'"{value}"', f"'{value}'")]
     found += [unquote(secret) for secret in found]
     found += [spell(secret) for secret in found for spell in _SPELLINGS]
     return sorted({secret for secret in found if len(secret) >= _SHORTEST}, key=len, reverse=True)

@@ -36,7 +36,7 @@ def export(registry: Registry, name: str, path: Path) -> dict[str, Any]:
         UsageError: If the file is there already, or the run goes on.
         IntegrityError: If something of it isn't what was stored.
     """
-    if path.exists():
+    if path.exists() or path.is_symlink():
         raise UsageError(f"{path} is there already", "give a new file")
     run, policy, tables = _whole(registry, name)
     members = _members(run, policy, registry.read_checkpoint(policy) if policy else b"", tables)

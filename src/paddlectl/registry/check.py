@@ -74,12 +74,16 @@ def check(location: str | Path, *, read_data: bool = False) -> Report:
 
 
 def _require_own_folder(index: Database) -> None:
-    """Unless the index can't tell, which is found as damage, or is older."""
-    found = None
+    """Unless the index can't tell, which is found as damage."""
+    found, older = None, False
     with suppress(IntegrityError), faults(index.shown), index.reading().begin() as connection:
+        older = stamp(connection, index.file) in REVISIONS[:-1]
         if inspect(connection).has_table("identity"):
             found = identity.of_index(connection)
-    if found is not None:
+    if older:
+        with faults(index.shown), index.reading().begin() as connection:
+            identity.require_before_upgrade(index, connection)
+    elif found is not None:
         identity.require(index, found)
 
 

@@ -147,4 +147,4 @@ def _parsed(address: str) -> tuple[URL, Path]:
     return url, Path(files)
 
 
-_EXAMPLE = "as in: postgresql://me@host/paddlectl?files=/shared/registry"
+_EXAMPLE = "as in: postgresql://host/paddlectl?files=/shared/registry"

@@ -17,7 +17,7 @@ from paddlectl.registry.addresses import is_like_one
 from paddlectl.registry.database import Database, stamp
 from paddlectl.registry.entry import Entry
 from paddlectl.registry.faults import faults
-from paddlectl.registry.names import ELSEWHERE, number_of
+from paddlectl.registry.names import ELSEWHERE, number_of, shown
 from paddlectl.registry.postgres import PostgresDatabase
 from paddlectl.registry.queries import best_policy, count, find_policy, find_run, next_step
 from paddlectl.registry.records import RUN_STATES, Label, PolicyRecord, RunRecord
@@ -375,7 +375,11 @@ def database_of(location: str | Path) -> Database:
         raise UsageError("that is no place for a registry: it looks like an address", _PLACES)
     if not text or "\0" in text:
         raise UsageError("that is no place for a registry", "give a folder")
-    return SqliteDatabase(Path(text))
+    folder = Path(text)
+    taken = folder.is_symlink() or folder.exists()  # asked first: another process may make it meanwhile
+    if taken and not folder.is_dir():
+        raise UsageError(f"{shown(text)} is no folder", _PLACES)
+    return SqliteDatabase(folder)
 
 
 def _require(values: Mapping[str, Any], kinds: Mapping[str, Any], what: str) -> None:
