@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from paddlectl.logic.clauses import Program
 from paddlectl.tasks.base import Environment, Ints, Step, Task
 
+TARGET_NAME = "target"
+"""Stands for the learner itself among its sources."""
+
 
 class Episode(NamedTuple):
     """A finished episode.

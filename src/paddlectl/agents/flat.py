@@ -1,6 +1,6 @@
 """One learner on the task's whole state, without subgoals."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from paddlectl.agents.base import Episode, ReuseRow, Tables
+from paddlectl.agents.base import TARGET_NAME, Episode, ReuseRow, Tables
+from paddlectl.agents.reuse import ReuseRecorder
 from paddlectl.learners.base import Actor, Learner, LearnerSettings
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.learners.ppo import PPOSettings
@@ -143,13 +144,17 @@ class FlatAgent:
         return ()
 
     def update(self, environment: Environment, progress: float) -> Mapping[str, float]:
-        """One update of the learner."""
+        """One update."""
         self._buffer.last_observations[:] = environment.flat_state()
         self._policy.learner.anneal(progress)
+        return self._learn(environment)
+
+    def _learn(self, environment: Environment) -> Mapping[str, float]:
+        """One update of the learner, from the block. A method that reuses sources learns here."""
         self._policy.learner.update(self._buffer)
         return {}
 
-    def reuse(self) -> Sequence[ReuseRow]:
+    def reuse(self) -> Iterable[ReuseRow]:
         """Nothing."""
         return ()
 
@@ -168,3 +173,45 @@ class FlatAgent:
     def policy(self) -> FlatPolicy:
         """What it has learned."""
         return self._policy
+
+
+class ReusingAgent(FlatAgent):
+    """A flat learner with sources at hand, and the account of who was followed.
+
+    A method chooses in `_learn`, or in `act`, and takes that down by `_recorder.add`.
+
+    Args:
+        policy: Who learns.
+        rng: Of its exploration.
+        sources: Ids and policies of the sources.
+        frames: The budget.
+    """
+
+    def __init__(
+        self, policy: FlatPolicy, rng: np.random.Generator, sources: Mapping[str, FlatPolicy], frames: int
+    ) -> None:
+        super().__init__(policy, rng)
+        self._sources = [source.learner for source in sources.values()]
+        self._recorder = ReuseRecorder(policy.task, (TARGET_NAME, *sources), frames)
+        self._now = 0
+        self._valuations = np.zeros(
+            (self.rollout_steps, policy.settings.lanes, len(policy.task.vocabulary.atoms)), np.bool_
+        )
+
+    def act(self, environment: Environment) -> NDArray[Any]:
+        """Explores as the learner does; the scene is kept for the account. [B, ...]"""
+        self._valuations[self._t] = environment.valuation()
+        return super().act(environment)
+
+    def reuse(self) -> Iterable[ReuseRow]:
+        """Of the period so far."""
+        return self._recorder.rows(self._now)
+
+    def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
+        """Who was followed, at the end of a period."""
+        self._now = frames
+        return self._recorder.end_of_period(frames)
+
+    def close(self) -> Tables:
+        """Who was followed in the last period."""
+        return self._recorder.end_of_period(self._now, at_once=True)

@@ -7,7 +7,7 @@ import typer
 
 from paddlectl.cli.options import AsJson, RegistryPlace, complete_sources, complete_tasks
 from paddlectl.errors import NotFoundError, UsageError
-from paddlectl.methods.catalogue import entry_of
+from paddlectl.methods.catalogue import teacher_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -117,7 +117,7 @@ def _another(target: "Task") -> str:
 
 
 def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":
-    teaches = entry_of("paddle").teaches
+    teaches = teacher_of("paddle", target)
     solved = registry.solved(target.domain, teaches)
     return [registry.policy(task, teaches) for task in solved if task != target.name]
 

@@ -88,7 +88,7 @@ def train_jobs(
         NotFoundError: If there is no such task, or one of them has no such preset.
         UsageError: If there is no such method, or it is none for a source.
     """
-    from paddlectl.methods.catalogue import METHODS, entry_of
+    from paddlectl.methods.catalogue import METHODS, entry_of, require_actions
     from paddlectl.tasks.base import GUIDED
     from paddlectl.tasks.suite import load
 
@@ -98,9 +98,12 @@ def train_jobs(
             has = f"its presets: {', '.join(presets)}" if presets else "it has none: leave out --preset"
             raise NotFoundError(f"{name} has no preset {preset}", has)
 
-    if entry_of(method).teaches is not None:
-        alone = ", ".join(name for name, entry in METHODS.items() if entry.teaches is None)
+    if entry_of(method).teaches:
+        alone = ", ".join(name for name, entry in METHODS.items() if not entry.teaches)
         raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {alone}")
+
+    for name in known:
+        require_actions(method, load(name))
 
     from paddlectl.experiments.jobs import TrainJob
 

@@ -66,16 +66,17 @@ def transfer(
     """Learn a scenario's target, guided by policies of its sources."""
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.cli.texts import here
-    from paddlectl.methods.catalogue import entry_of
+    from paddlectl.methods.catalogue import teacher_of
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRANSFERRED, table
     from paddlectl.scenario import load_scenario
+    from paddlectl.tasks.suite import load
 
     scenario = load_scenario(file)
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
     method = method or scenario.method
-    teaches = entry_of(method).teaches
+    teaches = teacher_of(method, load(scenario.target))
     opened = Registry.open(registry, create=train_missing or teaches is None)
     sources = source_policies(opened, scenario, teaches, registry, train_missing, jobs) if teaches else ()
     with stdout_kept():

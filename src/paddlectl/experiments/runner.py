@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from paddlectl.agents.interaction import Learning
-from paddlectl.errors import IntegrityError, InvalidFileError, UsageError
+from paddlectl.errors import IntegrityError, InvalidFileError
 from paddlectl.experiments.curves import curve_figures
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.log import RunLog, recorded, versions
@@ -15,10 +15,9 @@ from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.policies import keep, revive
 from paddlectl.logic.syntax import parse_program
 from paddlectl.methods.base import Method, Setup, Source, method_of
-from paddlectl.methods.catalogue import entry_of
+from paddlectl.methods.catalogue import entry_of, require_actions
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
-from paddlectl.tasks.base import Task
 from paddlectl.tasks.suite import load
 
 Report = Callable[[Progress], None]
@@ -39,7 +38,7 @@ def train_source(
         A row of `train --json`.
     """
     task, method = load(job.task), method_of(job.method)
-    require_actions(method, task)
+    require_actions(method.name, task)
     chosen = task.presets[job.preset] if job.preset else {}
     settings = method.settings_for(task, None, chosen, job.changes)
     frames = job.frames or settings.frames
@@ -88,10 +87,10 @@ def run_transfer(
         A row of `transfer --json`.
     """
     task, method = load(job.scenario.target), method_of(job.method)
-    require_actions(method, task)
+    require_actions(method.name, task)
     settings = method.settings_for(task, job.scenario, job.changes)
     rules = job.rules or method.rules_for(task)
-    reused = () if entry_of(method.name).teaches is None else job.sources
+    reused = job.sources if entry_of(method.name).teaches else ()
     pace = pace or Pace()
     run = pace.begin(
         registry,
@@ -159,18 +158,6 @@ def _keep_rows(registry: Registry, run: RunRecord, tables: Any) -> None:
 def _keep_documents(registry: Registry, run: RunRecord, documents: Any) -> None:
     for name, document in documents.items():
         registry.write_document(run.id, name, document)
-
-
-def require_actions(method: Method, task: Task) -> None:
-    """Refuses a task whose actions the method can't choose.
-
-    Raises:
-        UsageError: If it can't.
-    """
-    kind = "continuous" if task.make(1, 0).actions.continuous else "discrete"
-    known = entry_of(method.name).actions
-    if kind not in known:
-        raise UsageError(f"{method.name} is for {', '.join(known)} actions; those of {task.name} are {kind}")
 
 
 def _source(registry: Registry, policy: str) -> Source:

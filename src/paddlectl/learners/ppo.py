@@ -13,6 +13,10 @@ from torch import nn
 from paddlectl.learners.buffers import TARGET, RolloutBuffer, generalised_advantages
 from paddlectl.learners.networks import gradient_step, load_named, mlp
 
+Guidance = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
+"""A loss to add to the actor's, of the places [n] of a minibatch's samples in the flattened block, [T * B],
+and of the actor's log-probabilities there [n, A]."""
+
 
 @dataclass(frozen=True)
 class PPOSettings:
@@ -105,8 +109,13 @@ class PPO:
         actions = (log_probs - noise).argmax(-1)
         return actions.numpy(), log_probs.gather(-1, actions[:, None])[:, 0].numpy()
 
-    def update(self, buffer: RolloutBuffer) -> None:
-        """Several epochs of minibatches over one block of experience."""
+    def log_probs(self, observations: torch.Tensor) -> torch.Tensor:
+        """Of every action. [..., D] -> [..., A]"""
+        log_probs: torch.Tensor = self.actor(observations).log_softmax(-1)
+        return log_probs
+
+    def update(self, buffer: RolloutBuffer, guidance: Guidance | None = None) -> None:
+        """Several epochs of minibatches over one block of experience; `guidance` adds to the actor's loss."""
         advantages, returns = self._targets(buffer)
         own = buffer.guides == TARGET
         samples = torch.from_numpy(np.flatnonzero(own))
@@ -122,6 +131,7 @@ class PPO:
                     old_log_probs[batch],
                     advantages[batch],
                     returns[batch],
+                    guidance and partial(guidance, batch),
                 )
                 gradient_step(self.optimiser, loss, self.settings.max_gradient_norm)
             for batch in self._minibatches(guided):
@@ -185,20 +195,23 @@ class PPO:
         old_log_probs: torch.Tensor,
         advantages: torch.Tensor,
         returns: torch.Tensor,
+        guidance: Callable[[torch.Tensor], torch.Tensor] | None = None,
     ) -> torch.Tensor:
-        log_probs: torch.Tensor = self.actor(observations).log_softmax(-1)
+        log_probs = self.log_probs(observations)
         entropy = -(log_probs.exp() * log_probs).sum(-1).mean()
         ratio = (log_probs.gather(-1, actions[:, None])[:, 0] - old_log_probs).exp()
         advantages = (advantages - advantages.mean()) / (advantages.std(correction=0) + 1e-8)
         clipped = ratio.clamp(1.0 - self.settings.clip, 1.0 + self.settings.clip)
         policy_loss = -torch.minimum(ratio * advantages, clipped * advantages).mean()
+        if guidance:
+            policy_loss = policy_loss + guidance(log_probs)
         value_loss = self._value_loss(observations, returns)
         return policy_loss + value_loss - self.settings.entropy_coef * entropy
 
     def _cloning_loss(
         self, observations: torch.Tensor, actions: torch.Tensor, returns: torch.Tensor
     ) -> torch.Tensor:
-        log_probs: torch.Tensor = self.actor(observations).log_softmax(-1)
+        log_probs = self.log_probs(observations)
         likelihood = log_probs.gather(-1, actions[:, None]).mean()
         return self._value_loss(observations, returns) - self.settings.clone_coef * likelihood
 

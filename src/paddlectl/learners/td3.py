@@ -18,6 +18,9 @@ from paddlectl.learners.replay import Hindsight, Replay, Transitions
 
 Floats = NDArray[np.float32]
 
+Guidance = Callable[[Transitions, torch.Tensor], torch.Tensor]
+"""A loss to add to the actor's, of a minibatch and of the actor's actions there [n, A]."""
+
 OPTIMISERS = {"adam": torch.optim.Adam, "rmsprop": torch.optim.RMSprop}
 
 
@@ -182,11 +185,26 @@ class TD3:
     def _clones(self) -> bool:
         return self._skilled and self.settings.cloning
 
+    @torch.no_grad()
+    def actions_of(self, observations: torch.Tensor) -> torch.Tensor:
+        """What the slow actor does, without noise. [n, D] -> [n, A]"""
+        actions: torch.Tensor = self.slow.actor(self.slow.features(observations)).tanh()
+        return actions
+
+    @torch.no_grad()
+    def values_of(self, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Mean of the slow critics. [n, D], [n, A] -> [n]"""
+        values: torch.Tensor = self.slow.values(self.slow.features(observations), actions).mean(0)
+        return values
+
     def _warm(self, replay: Replay) -> bool:
         return len(replay) >= self.settings.warm_up
 
-    def update(self, buffer: RolloutBuffer) -> None:
-        """Keeps a block of experience and makes the updates that are due; who clones learns from it alone."""
+    def update(self, buffer: RolloutBuffer, guidance: Guidance | None = None) -> None:
+        """Keeps a block of experience and makes the updates that are due; who clones learns from it alone.
+
+        `guidance` adds to the actor's loss.
+        """
         s = self.settings
         if self._clones:
             self._imitate(buffer)
@@ -200,7 +218,7 @@ class TD3:
         if not self._warm(self.replay):
             return
         for _ in range(self._updates_for(buffer)):
-            self._improve(self.replay.sample(s.batch, self.rng))
+            self._improve(self.replay.sample(s.batch, self.rng), guidance)
 
     def _updates_for(self, buffer: RolloutBuffer) -> int:
         """How many updates are due with this block; parts of one are left over for the next."""
@@ -218,7 +236,7 @@ class TD3:
             gradient_step(self.actor_optimiser, error.square().mean())
             self._track()
 
-    def _improve(self, batch: Transitions) -> None:
+    def _improve(self, batch: Transitions, guidance: Guidance | None = None) -> None:
         """One update of the critics; every `policy_delay`th time also of the actor and the slow copies."""
         self.updates += 1
         targets = self._targets(batch)
@@ -226,7 +244,9 @@ class TD3:
         values = self.online.values(features, batch.actions)
         gradient_step(self.critic_optimiser, (values - targets).square().mean(-1).sum())
         if self.updates % self.settings.policy_delay == 0:
-            gradient_step(self.actor_optimiser, self._actor_loss(features))
+            gradient_step(
+                self.actor_optimiser, self._actor_loss(features, guidance and partial(guidance, batch))
+            )
             self._track()
 
     @torch.no_grad()
@@ -243,8 +263,10 @@ class TD3:
             return targets
         return torch.maximum(targets, s.goal_reward * s.discount**batch.steps).clamp(0.0, s.goal_reward)
 
-    def _actor_loss(self, features: torch.Tensor) -> torch.Tensor:
-        """-Q1(s, π(s)), and the cost of saturated actions."""
+    def _actor_loss(
+        self, features: torch.Tensor, guidance: Callable[[torch.Tensor], torch.Tensor] | None = None
+    ) -> torch.Tensor:
+        """-Q1(s, π(s)), the cost of saturated actions, and what guidance adds."""
         s = self.settings
         outputs = self.online.actor(features)
         self.online.critics.requires_grad_(False)
@@ -252,7 +274,7 @@ class TD3:
         self.online.critics.requires_grad_(True)
         beyond = (outputs.abs() - s.saturation).clamp_min(0.0).square().mean()
         loss: torch.Tensor = s.saturation_cost * beyond - value
-        return loss
+        return loss + guidance(outputs.tanh()) if guidance else loss
 
     @torch.no_grad()
     def _track(self) -> None:

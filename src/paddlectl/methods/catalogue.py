@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from paddlectl.errors import UsageError
 from paddlectl.registry.names import nearest, shown
+from paddlectl.tasks.base import Task
 
 
 class Entry(NamedTuple):
@@ -13,13 +14,14 @@ class Entry(NamedTuple):
     Attributes:
         where: Its `methods.base.Method`, as module:attribute.
         summary: One line for a reader.
-        teaches: The method whose policies it reuses; None if it reuses none.
+        teaches: The methods whose policies it reuses, those of the one that can act on the task; none if it
+            reuses none.
         actions: Which actions it can choose, of `discrete` and `continuous`.
     """
 
     where: str
     summary: str
-    teaches: str | None
+    teaches: tuple[str, ...]
     actions: frozenset[str]
 
 
@@ -29,37 +31,37 @@ METHODS: Mapping[str, Entry] = {
     "paddle": Entry(
         "paddlectl.methods.paddle:PADDLE",
         "logic and performance similarity pick a source that acts; the hybrid model learns",
-        "hdm",
+        ("hdm",),
         _ANY,
     ),
     "hdm": Entry(
         "paddlectl.methods.hdm:HDM",
         "the hybrid model from scratch: a logic program picks subgoals, PPO or TD3 reaches them",
-        None,
+        (),
         _ANY,
     ),
     "hdqn": Entry(
         "paddlectl.methods.hdqn:HDQN",
         "a DQN picks subgoals, the hybrid model's low level reaches them",
-        None,
+        (),
         _ANY,
     ),
     "finetune": Entry(
         "paddlectl.methods.finetune:FINETUNE",
         "the hybrid model goes on from one source: its clause weights, where they match, and its low level",
-        "hdm",
+        ("hdm",),
         _ANY,
     ),
     "ppo": Entry(
         "paddlectl.methods.flat:FLAT_PPO",
         "proximal policy optimisation on the whole state, without subgoals",
-        None,
+        (),
         frozenset({"discrete"}),
     ),
     "td3": Entry(
         "paddlectl.methods.flat:FLAT_TD3",
         "twin delayed DDPG on the whole state, without subgoals",
-        None,
+        (),
         frozenset({"continuous"}),
     ),
 }
@@ -75,3 +77,33 @@ def entry_of(name: str) -> Entry:
         near = nearest(name, tuple(METHODS))
         raise UsageError(f"unknown method {shown(name)}", f"{near}one of: {', '.join(METHODS)}")
     return METHODS[name]
+
+
+def teacher_of(name: str, task: Task) -> str | None:
+    """The method whose policies that one reuses on a task; None if it reuses none.
+
+    Raises:
+        UsageError: If there is no such method, or it can't choose the task's actions.
+    """
+    require_actions(name, task)
+    fitting = [teacher for teacher in entry_of(name).teaches if _actions(task) in METHODS[teacher].actions]
+    return fitting[0] if fitting else None
+
+
+def require_actions(name: str, task: Task) -> None:
+    """Refuses a task whose actions the method can't choose.
+
+    Raises:
+        UsageError: If it can't, or if there is no such method.
+    """
+    known, kind = entry_of(name).actions, _actions(task)
+    if kind not in known:
+        others = [other for other, entry in METHODS.items() if kind in entry.actions]
+        raise UsageError(
+            f"{name} chooses {', '.join(known)} actions; those of {task.name} are {kind}",
+            f"take another method: {', '.join(others)}",
+        )
+
+
+def _actions(task: Task) -> str:
+    return "continuous" if task.make(1, 0).actions.continuous else "discrete"

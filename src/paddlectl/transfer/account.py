@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from paddlectl.agents.base import TARGET_NAME
 from paddlectl.hybrid.rollout import LEVELS
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Clause
@@ -12,8 +13,6 @@ from paddlectl.transfer.candidates import Source
 from paddlectl.transfer.documents import body_document
 from paddlectl.transfer.guidance import RULES
 from paddlectl.transfer.guides import GuideChooser, TracedDecision
-
-TARGET_NAME = "target"
 
 
 class Account:
