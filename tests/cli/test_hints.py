@@ -15,9 +15,11 @@ from paddlectl.errors import PaddlectlError
 from paddlectl.experiments import policies, processes
 from paddlectl.experiments.jobs import Begun, ResumeJob, TrainJob, TransferJob
 from paddlectl.experiments.runner import _source
+from paddlectl.methods.base import Setup
+from paddlectl.methods.componet import COMPONET
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
-from paddlectl.tasks.suite import names
+from paddlectl.tasks.suite import load, names
 from samples import BLOCKED_DOOR, ROOT, TARGET, Command, add_policy, add_source, add_transfer, program
 
 SCENARIO_B = ROOT / "scenarios" / "B.yaml"
@@ -279,6 +281,9 @@ def test_the_command_in_a_hint_works_and_no_hint_is_left_out(
     damaged_program(registry)
     with pytest.raises(PaddlectlError) as caught:
         _source(registry, registry.policy("DoorBall").id)
+    told += [caught.value.hint, *(followed(command, way) for way in ways(caught.value.hint))]
+    with pytest.raises(PaddlectlError) as caught:
+        COMPONET.make(Setup(load(TARGET), COMPONET.settings_for(load(TARGET), None), 0, 1))
     told += [caught.value.hint, *(followed(command, way) for way in ways(caught.value.hint))]
     everything = "\n".join(told)
     left = [

@@ -52,6 +52,12 @@ METHODS: Mapping[str, Entry] = {
         ("hdm",),
         _ANY,
     ),
+    "componet": Entry(
+        "paddlectl.methods.componet:COMPONET",
+        "a new policy over PPO attends to the outputs of frozen ones and adds its own",
+        ("ppo",),
+        frozenset({"discrete"}),
+    ),
     "ppo": Entry(
         "paddlectl.methods.flat:FLAT_PPO",
         "proximal policy optimisation on the whole state, without subgoals",
