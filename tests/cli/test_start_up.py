@@ -178,6 +178,11 @@ def test_completion_of_scenario_files(monkeypatch: pytest.MonkeyPatch) -> None:
     assert complete("paddlectl transfer scenarios/A") == ["scenarios/A-place.yaml", "scenarios/A.yaml"]
 
 
+def test_completion_of_methods() -> None:
+    assert complete("paddlectl train BoxDoor --method p") == ["ppo"]
+    assert complete("paddlectl transfer A.yaml --method p")[:2] == ["paddle", "ppo"]
+
+
 def test_completion_is_silent_about_trouble(tmp_path: Path) -> None:
     assert complete("paddlectl show ", PADDLECTL_REGISTRY=str(tmp_path / "none")) == []
 

@@ -60,10 +60,10 @@ def policy_names(registry: str | None) -> list[tuple[str, str]]:
 
 @_quiet
 def source_names(registry: str | None, target: str | None) -> list[tuple[str, str]]:
-    """Those that Ψ of the target can be shown from: of its domain."""
+    """Those that Ψ of the target can be shown from: of its domain, with clauses."""
     from paddlectl.tasks.suite import load, names
 
-    policies = _soon(registry, "policies")
+    policies = _soon(registry, "programs")
     if target:
         near = {name for name in names() if load(name).domain == load(target).domain}
         policies = [policy for policy in policies if policy.task in near]

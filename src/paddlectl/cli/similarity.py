@@ -1,13 +1,13 @@
 """`paddlectl similarity`."""
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from paddlectl.cli.options import AsJson, RegistryPlace, complete_sources, complete_tasks
 from paddlectl.errors import NotFoundError, UsageError
-from paddlectl.methods.catalogue import teacher_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -86,27 +86,36 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
 
     Raises:
         NotFoundError: If a policy, or any policy of the domain, isn't there.
-        UsageError: If a policy is of another domain.
+        UsageError: If a policy is of another domain, or has no clauses.
     """
-    from paddlectl.cli.named import policy_named
-
-    found = [policy_named(registry, name) for name in names] or _best_of_domain(registry, target)
+    found = [_named(registry, name) for name in names] or _best_of_domain(registry, target)
     if not found:
         raise NotFoundError(
             f"no policy of another {target.domain} task in {registry.shown}",
             f"run: paddlectl train {_another(target)}",
         )
     for policy in found:
+        if policy.domain != target.domain:
+            raise UsageError(
+                f"{policy.id} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}"
+            )
         if policy.program is None:
             raise UsageError(
                 f"{policy.id} was learned by {policy.method}, which has no clauses to compare",
                 f"run: paddlectl train {policy.task}",
             )
-        if policy.domain != target.domain:
-            raise UsageError(
-                f"{policy.id} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}"
-            )
     return list({policy.id: policy for policy in found}.values())
+
+
+def _named(registry: "Registry", name: str) -> "PolicyRecord":
+    """The policy of an id, or of a task the best one with clauses; without any the best."""
+    from paddlectl.cli.named import policy_named
+
+    policy = policy_named(registry, name)
+    if policy.program is None and name != policy.id:
+        with suppress(NotFoundError):
+            return registry.policy(name, clauses=True)
+    return policy
 
 
 def _another(target: "Task") -> str:
@@ -117,6 +126,8 @@ def _another(target: "Task") -> str:
 
 
 def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":
+    from paddlectl.methods.catalogue import teacher_of
+
     teaches = teacher_of("paddle", target)
     solved = registry.solved(target.domain, teaches)
     return [registry.policy(task, teaches) for task in solved if task != target.name]

@@ -14,8 +14,10 @@ from paddlectl.cli.options import (
     RegistryPlace,
     chosen_seeds,
     complete_tasks,
+    one_of,
 )
 from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.methods.catalogue import ALONE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,14 +55,15 @@ def train(
         ),
     ] = None,
     method: Annotated[
-        str, typer.Option(metavar="M", help="By which: hdm, or ppo or td3 without subgoals.")
+        str,
+        typer.Option(metavar="M", autocompletion=one_of(ALONE), help=f"By which: {', '.join(ALONE)}."),
     ] = "hdm",
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
-    """Train sources with the hybrid decision model and keep them in the registry."""
+    """Train sources from scratch and keep them in the registry."""
     from paddlectl.cli.texts import here
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRAINED, table
@@ -88,7 +91,7 @@ def train_jobs(
         NotFoundError: If there is no such task, or one of them has no such preset.
         UsageError: If there is no such method, or it is none for a source.
     """
-    from paddlectl.methods.catalogue import METHODS, entry_of, require_actions
+    from paddlectl.methods.catalogue import entry_of, require_actions
     from paddlectl.tasks.base import GUIDED
     from paddlectl.tasks.suite import load
 
@@ -98,12 +101,11 @@ def train_jobs(
             has = f"its presets: {', '.join(presets)}" if presets else "it has none: leave out --preset"
             raise NotFoundError(f"{name} has no preset {preset}", has)
 
-    if entry_of(method).teaches:
-        alone = ", ".join(name for name, entry in METHODS.items() if not entry.teaches)
-        raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {alone}")
+    if entry_of(method, ALONE).teaches:
+        raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {', '.join(ALONE)}")
 
     for name in known:
-        require_actions(method, load(name))
+        require_actions(method, load(name), ALONE)
 
     from paddlectl.experiments.jobs import TrainJob
 

@@ -16,8 +16,10 @@ from paddlectl.cli.options import (
     chosen_seeds,
     complete_scenarios,
     file_at,
+    one_of,
 )
 from paddlectl.errors import NotFoundError
+from paddlectl.methods.catalogue import METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +44,12 @@ def transfer(
     ],
     method: Annotated[
         str | None,
-        typer.Option(metavar="M", help="Instead of the scenario's: paddle or hdm.", show_default=False),
+        typer.Option(
+            metavar="M",
+            autocompletion=one_of(METHODS),
+            help=f"Instead of the scenario's: {', '.join(METHODS)}.",
+            show_default=False,
+        ),
     ] = None,
     seed: OneSeed = None,
     seeds: ManySeeds = None,

@@ -11,10 +11,11 @@ import torch
 
 from paddlectl.agents.base import Policy
 from paddlectl.agents.evaluation import evaluate as played
-from paddlectl.errors import IntegrityError
+from paddlectl.errors import IntegrityError, UsageError
 from paddlectl.experiments.log import RunLog
 from paddlectl.logic.syntax import format_program
 from paddlectl.methods.base import Method, method_of
+from paddlectl.registry.names import shown
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Task
@@ -80,9 +81,9 @@ def revive(registry: Registry, record: PolicyRecord) -> Policy:
 
     Raises:
         IntegrityError: If the checkpoint isn't what was stored, or of another shape than its task asks for,
-            or if this version can't read its settings.
+            or if this version can't read its settings, or lacks its method.
     """
-    task, method = load(record.task), method_of(MADE_AS.get(record.method, record.method))
+    task, method = load(record.task), _method_of(record)
     try:
         _require_symbols(record, task)
         policy = method.policy(task, record.seed, _settings_of(registry, record, task, method))
@@ -90,9 +91,19 @@ def revive(registry: Registry, record: PolicyRecord) -> Policy:
     except (RuntimeError, KeyError, TypeError, safetensors.SafetensorError) as error:
         raise IntegrityError(
             f"the checkpoint of {record.id} doesn't fit {record.task} as this version defines it",
-            f"train it again: paddlectl train {record.task}",
+            registry.way_again(record),
         ) from error
     return policy
+
+
+def _method_of(record: PolicyRecord) -> Method:
+    try:
+        return method_of(MADE_AS.get(record.method, record.method))
+    except UsageError as error:
+        raise IntegrityError(
+            f"{record.id} was learned by {shown(record.method)}, which this version doesn't have",
+            "use the version of paddlectl that learned it",
+        ) from error
 
 
 def _require_symbols(record: PolicyRecord, task: Task) -> None:

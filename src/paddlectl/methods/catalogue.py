@@ -1,11 +1,13 @@
-"""The methods by name, and what can be known of them without loading torch."""
+"""The methods by name, and what can be known of them without loading torch, or even NumPy."""
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 from paddlectl.errors import UsageError
 from paddlectl.registry.names import nearest, shown
-from paddlectl.tasks.base import Task
+
+if TYPE_CHECKING:
+    from paddlectl.tasks.base import Task
 
 
 class Entry(NamedTuple):
@@ -73,19 +75,24 @@ METHODS: Mapping[str, Entry] = {
 }
 
 
-def entry_of(name: str) -> Entry:
+ALL = tuple(METHODS)
+ALONE = tuple(name for name, entry in METHODS.items() if not entry.teaches)
+"""Those that reuse nothing: a source can be trained by them."""
+
+
+def entry_of(name: str, offered: Sequence[str] = ALL) -> Entry:
     """What is known of the method of that name.
 
     Raises:
-        UsageError: If there is none; with the nearest name.
+        UsageError: If there is none; with the nearest name of those that are offered.
     """
     if name not in METHODS:
-        near = nearest(name, tuple(METHODS))
-        raise UsageError(f"unknown method {shown(name)}", f"{near}one of: {', '.join(METHODS)}")
+        near = nearest(name, offered)
+        raise UsageError(f"unknown method {shown(name)}", f"{near}one of: {', '.join(offered)}")
     return METHODS[name]
 
 
-def teacher_of(name: str, task: Task) -> str | None:
+def teacher_of(name: str, task: "Task") -> str | None:
     """The method whose policies that one reuses on a task; None if it reuses none.
 
     Raises:
@@ -96,20 +103,20 @@ def teacher_of(name: str, task: Task) -> str | None:
     return fitting[0] if fitting else None
 
 
-def require_actions(name: str, task: Task) -> None:
+def require_actions(name: str, task: "Task", offered: Sequence[str] = ALL) -> None:
     """Refuses a task whose actions the method can't choose.
 
     Raises:
-        UsageError: If it can't, or if there is no such method.
+        UsageError: If it can't, or if there is no such method; with those of the offered that can.
     """
-    known, kind = entry_of(name).actions, _actions(task)
+    known, kind = entry_of(name, offered).actions, _actions(task)
     if kind not in known:
-        others = [other for other, entry in METHODS.items() if kind in entry.actions]
+        others = [other for other in offered if kind in METHODS[other].actions]
         raise UsageError(
             f"{name} chooses {', '.join(known)} actions; those of {task.name} are {kind}",
             f"take another method: {', '.join(others)}",
         )
 
 
-def _actions(task: Task) -> str:
+def _actions(task: "Task") -> str:
     return "continuous" if task.make(1, 0).actions.continuous else "discrete"

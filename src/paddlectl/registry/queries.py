@@ -68,7 +68,9 @@ def _like(connection: Connection, table: Table, kind: str, name: str) -> list[st
     return [f"{kind}-{number}" for number in connection.scalars(select(table.c.id).where(chosen))]
 
 
-def best_policy(connection: Connection, task: str, method: str | None = None) -> PolicyRecord:
+def best_policy(
+    connection: Connection, task: str, method: str | None = None, *, clauses: bool = False
+) -> PolicyRecord:
     """The best policy of a task: by success rate, then by mean score, then the newest.
 
     Raises:
@@ -79,6 +81,8 @@ def best_policy(connection: Connection, task: str, method: str | None = None) ->
     found = select(policies).where(c.task == task).order_by(*best_first).limit(1)
     if method is not None:
         found = found.where(c.method == method)
+    if clauses:
+        found = found.where(c.program.is_not(None))
     row = connection.execute(found).first() if task.isprintable() else None  # others can't even be asked for
     if row is None:
         raise NotFoundError(f"no policy for {shown(task)}", _way_to_policy(connection, task))
