@@ -51,9 +51,9 @@ class CUPSettings(FlatSettings):
     start: float = 0.05
     deviation: float = 0.2
     critic_rate: float = 5e-4
-    critic_epochs: int = 4
+    critic_epochs: int = 2
     critic_batch: int = 512
-    trace_decay: float = 0.0
+    trace_decay: float = 0.95
 
 
 class Guidance(NamedTuple):
@@ -161,8 +161,8 @@ class ActionValues:
         states = torch.from_numpy(buffer.observations).flatten(0, 1)
         actions = torch.from_numpy(buffer.actions).flatten()
         count = max(1, round(len(actions) / self.settings.critic_batch))
+        targets = self.targets(buffer, policy).flatten()
         for _ in range(self.settings.critic_epochs):
-            targets = self.targets(buffer, policy).flatten()
             for batch in torch.from_numpy(self.rng.permutation(len(actions))).chunk(count):
                 values = self.network(states[batch]).gather(-1, actions[batch, None])[:, 0]
                 gradient_step(self.optimiser, (values - targets[batch]).square().mean())
@@ -184,7 +184,7 @@ class ActionValues:
 
 
 class CUPAgent(ReusingAgent):
-    """A target that acts alone, and is drawn to who guides."""
+    """A target that acts alone (step 1), and is drawn to who guides."""
 
     settings: CUPSettings
 
@@ -210,7 +210,7 @@ class CUPAgent(ReusingAgent):
 
 
 class CUPOverPPO(CUPAgent):
-    """With a critic of its own; whom the sources would follow is asked once a block."""
+    """With a critic of its own. The sources are asked once a block."""
 
     def __init__(
         self, policy: FlatPolicy, rng: np.random.Generator, sources: Mapping[str, FlatPolicy], frames: int
@@ -247,7 +247,7 @@ class CUPOverPPO(CUPAgent):
 
 
 class CUPOverTD3(CUPAgent):
-    """By the critics that TD3 has."""
+    """By TD3's own critics."""
 
     def _learn(self, environment: Environment) -> Mapping[str, float]:
         learner = cast(TD3, self._policy.learner)
