@@ -60,6 +60,12 @@ METHODS: Mapping[str, Entry] = {
         ("ppo",),
         frozenset({"discrete"}),
     ),
+    "cup": Entry(
+        "paddlectl.methods.cup:CUP",
+        "the critic picks the source of largest advantage in each state, and the target is drawn to it",
+        ("ppo", "td3"),
+        _ANY,
+    ),
     "ppo": Entry(
         "paddlectl.methods.flat:FLAT_PPO",
         "proximal policy optimisation on the whole state, without subgoals",
