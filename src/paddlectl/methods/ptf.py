@@ -6,7 +6,7 @@ The target acts. In each step (s, a, r, s') of their Algorithms 1 and 2:
    An option stands for a source.
 2. Q(s, o), and Q of each source that would have done the same, learns towards r + γ U(s', ·), where
    U(s', o) = (1 - β(s', o)) Q'(s', o) + β(s', o) Q'(s', argmax Q(s', ·)) and Q' is a slow copy.
-3. β descends β(s', o) · (Q(s', o) - max Q(s', ·) + ξ), but at the end of an episode.
+3. β descends β(s', o) · (Q(s', o) - max Q(s', ·) + ξ), unless the episode ended with the step.
 4. The target descends its own loss + c1 · f(t) · (1 - β(s, o)) · H(π_o, π), where H is the cross entropy and
    f(t) = 0.5 + tanh(3 - c3 · episode) / 2.
 
@@ -58,8 +58,8 @@ class OptionSettings:
     learning_rate: float = 1e-3
     discount: float = 0.99
     batch: int = 64
-    update_every: int = 64
-    refresh_every: int = 64
+    update_every: int = 128
+    refresh_every: int = 32
     capacity: int = 50_000
     exploration: float = 1.0
     exploration_fall: float = 1e-3
@@ -113,7 +113,7 @@ class Options:
             self.termination = mlp(size, count, output_gain=0.1)
         self.slow = deepcopy(self.online).requires_grad_(False)
         self.online_optimiser, self.termination_optimiser = (
-            torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
+            torch.optim.Adam(network.parameters(), lr=settings.learning_rate, fused=True)
             for network in (self.online, self.termination)
         )
         self.replay = Replay(settings.capacity, lanes, size, count, Hindsight())
