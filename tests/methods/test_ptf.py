@@ -254,7 +254,7 @@ def test_without_imitation_it_is_the_learner_alone(weight, same):
 
 def test_the_target_comes_to_do_as_its_source():
     made = agent(Scripted(0.01, 0.01, 0.98), lanes=4, block=16)
-    list(Learning(Corridor(4, 0), made, 320))
+    list(Learning(Corridor(4, 0), made, 640))
     assert isinstance(made, PTFOverPPO)
     states = torch.from_numpy(Corridor(4, 0).flat_state())
     assert made.policy().learner.log_probs(states).exp()[:, 2].min() > 0.8

@@ -42,9 +42,9 @@ class OptionSettings:
         learning_rate: Of Adam, for Q and β.
         discount: γ per action.
         batch: Transitions a gradient step.
-        update_every: Transitions between two updates. The paper has an update after each.
-        refresh_every: Updates between two copies of Q to the slow one. The paper's 1,000 are as many
-            transitions.
+        update_every: Transitions between two updates; the paper has one after each.
+        refresh_every: Updates between two copies of Q to the slow one; in the paper 1,000, which are as many
+            transitions. A thousand of these would be as good as never.
         capacity: Transitions that are kept.
         exploration: ε, the share of random picks, at the start.
         exploration_fall: By which it falls with each episode.
