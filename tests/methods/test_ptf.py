@@ -26,7 +26,9 @@ from paddlectl.methods.ptf import (
 from paddlectl.tasks.suite import load
 from scripted import FAR, TASK, Corridor
 
-HALF = OptionSettings(discount=0.5, learning_rate=0.125, regulariser=0.25, capacity=64)
+HALF = OptionSettings(
+    discount=0.5, learning_rate=0.125, termination_rate=0.125, regulariser=0.25, capacity=64
+)
 Q = [[1.0, 2.0], [3.0, 0.0], [0.0, 0.0]]  # of each state
 SLOW = [[4.0, 8.0], [5.0, 7.0], [0.0, 0.0]]
 BETA = [[0.5, 0.25], [0.25, 0.75], [0.5, 0.5]]
@@ -111,6 +113,16 @@ def test_the_step_of_a_termination():
     options.improve_termination(Arrivals(states(0), *columns))
     # σ(0) = 0.5, dβ = 0.25; the logit moves by -0.125 · 0.25 · (-1.25 + 0.25)
     assert options.termination(states(0))[0, 0].item() == pytest.approx(0.03125)
+
+
+@pytest.mark.parametrize("gap, low, high", [(0.01, 0.45, 0.55), (1.0, 0.9, 1.0)])
+def test_values_that_hardly_differ_end_no_option_for_good(gap, low, high):
+    options = Options(3, 1, 2, 0, replace(OPTIONS["ppo"], regulariser=0.0))
+    columns = torch.tensor([0] * 3), torch.tensor([-gap] * 3), torch.ones(3)
+    for _ in range(100):
+        options.improve_termination(Arrivals(states(0, 1, 2), *columns))
+    ending = options.terminations(states(0, 1, 2))[:, 0]
+    assert low < ending.min() <= ending.max() < high
 
 
 def test_imitation_ends_with_the_episodes():

@@ -39,7 +39,8 @@ class OptionSettings:
     """The paper's values where it has them.
 
     Attributes:
-        learning_rate: Of Adam, for Q and β.
+        learning_rate: Of Adam, for Q.
+        termination_rate: Of plain gradient descent, for β.
         discount: γ per action.
         batch: Transitions a gradient step.
         update_every: Transitions between two updates; the paper has one after each.
@@ -56,6 +57,7 @@ class OptionSettings:
     """
 
     learning_rate: float = 1e-3
+    termination_rate: float = 0.1
     discount: float = 0.99
     batch: int = 64
     update_every: int = 128
@@ -109,12 +111,16 @@ class Options:
         self.rng = np.random.default_rng(seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.online = mlp(size, count, output_gain=0.1)
-            self.termination = mlp(size, count, output_gain=0.1)
+            self.online = mlp(size, count, output_gain=0.01)
+            self.termination = mlp(size, count, output_gain=0.01)
         self.slow = deepcopy(self.online).requires_grad_(False)
-        self.online_optimiser, self.termination_optimiser = (
-            torch.optim.Adam(network.parameters(), lr=settings.learning_rate, fused=True)
-            for network in (self.online, self.termination)
+        self.online_optimiser = torch.optim.Adam(
+            self.online.parameters(), lr=settings.learning_rate, fused=True
+        )
+        # as the paper has it: the steps of Adam are as large where two values differ by noise alone, and a β
+        # that has come near 0 or 1 hardly leaves it
+        self.termination_optimiser = torch.optim.SGD(
+            self.termination.parameters(), lr=settings.termination_rate
         )
         self.replay = Replay(settings.capacity, lanes, size, count, Hindsight())
         self.updates = 0
