@@ -78,6 +78,12 @@ METHODS: Mapping[str, Entry] = {
         (),
         frozenset({"continuous"}),
     ),
+    "ptf": Entry(
+        "paddlectl.methods.ptf:PTF",
+        "options over flat sources decide which of them PPO or TD3 imitates, less and less",
+        ("ppo", "td3"),
+        _ANY,
+    ),
 }
 
 
