@@ -52,6 +52,12 @@ METHODS: Mapping[str, Entry] = {
         ("hdm",),
         _ANY,
     ),
+    "qmp": Entry(
+        "paddlectl.methods.qmp:QMP",
+        "a DQN or TD3; of its own action and its sources' the one of largest Q is executed",
+        ("ppo", "td3"),
+        _ANY,
+    ),
     "ppo": Entry(
         "paddlectl.methods.flat:FLAT_PPO",
         "proximal policy optimisation on the whole state, without subgoals",
