@@ -179,15 +179,24 @@ class DQN:
 
 @dataclass(frozen=True)
 class StepDQNSettings(DQNSettings):
-    """The numbers of a DQN that acts at every step.
+    """The numbers of a DQN that acts at every step, and so has far more transitions than one that decides.
+
+    A checkpoint holds all that are kept.
 
     Attributes:
         returns: n of n-step returns.
-        noise: ε once it has learned.
+        final_rate: Share of the learning rate that is left at the end of the budget; it falls in a straight
+            line. A constant rate keeps a good policy shaking.
+        noise: ε once it has learned: who is greedy alone now and then gets stuck.
     """
 
-    returns: int = 3
-    noise: float = 0.0
+    batch: int = 128
+    capacity: int = 50_000
+    update_every: int = 16
+    exploration_share: float = 0.25
+    returns: int = 5
+    final_rate: float = 0.1
+    noise: float = 0.05
 
     def learner(self, observation_size: int, actions: int, seed: int) -> "StepDQN":
         """A new learner with these settings."""
@@ -230,8 +239,11 @@ class StepDQN:
         self.dqn.learn(n_step(buffer, self.settings.returns, self.settings.discount))
 
     def anneal(self, done: float) -> None:
-        """Sets ε for the share of the budget that is used up, in [0, 1]."""
+        """Sets ε and the learning rate for the share of the budget that is used up, in [0, 1]."""
+        s = self.settings
         self.dqn.anneal(done)
+        for group in self.dqn.optimiser.param_groups:
+            group["lr"] = s.learning_rate * (1.0 - (1.0 - s.final_rate) * min(done, 1.0))
 
     def state(self) -> dict[str, torch.Tensor]:
         """The network's tensors by name."""
