@@ -258,9 +258,8 @@ class StepDQN:
         self.load(state)
 
     def _act(self, observations: Floats, rng: np.random.Generator, exploration: float) -> tuple[Ints, Floats]:
-        return self.dqn.act(observations, rng, exploration=exploration), np.zeros(
-            len(observations), np.float32
-        )
+        chosen = self.dqn.act(observations, rng, exploration=exploration)
+        return chosen, np.zeros(len(chosen), np.float32)
 
 
 def n_step(buffer: RolloutBuffer, steps: int, discount: float) -> Batch:

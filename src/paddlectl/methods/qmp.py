@@ -9,8 +9,8 @@ In each state s:
 
 The paper's target is stochastic. A DQN's greedy action has the largest Q of all, so a source could never act
 where the target is greedy: what a DQN proposes is its ε-greedy action, and a source acts where the target
-explores and Q holds the source's action for the better one. So ε is how much is reused at most; it falls
-slowly. TD3 proposes its action with the noise of exploration, a `td3` source its own without.
+explores and Q takes the source's action for the better one. So ε is the largest share that sources can have,
+and it falls slowly. TD3 proposes its action with the noise of exploration, a `td3` source its own without.
 """
 
 from collections.abc import Mapping
