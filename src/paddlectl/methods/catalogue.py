@@ -63,6 +63,10 @@ METHODS: Mapping[str, Entry] = {
     "cup": Entry(
         "paddlectl.methods.cup:CUP",
         "the critic picks the source of largest advantage in each state, and the target is drawn to it",
+    ),
+    "qmp": Entry(
+        "paddlectl.methods.qmp:QMP",
+        "a DQN or TD3; of its own action and its sources' the one of largest Q is executed",
         ("ppo", "td3"),
         _ANY,
     ),
