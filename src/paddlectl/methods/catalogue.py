@@ -54,22 +54,6 @@ METHODS: Mapping[str, Entry] = {
         ("hdm",),
         _ANY,
     ),
-    "componet": Entry(
-        "paddlectl.methods.componet:COMPONET",
-        "a new policy over PPO attends to the outputs of frozen ones and adds its own",
-        ("ppo",),
-        frozenset({"discrete"}),
-    ),
-    "cup": Entry(
-        "paddlectl.methods.cup:CUP",
-        "the critic picks the source of largest advantage in each state, and the target is drawn to it",
-    ),
-    "qmp": Entry(
-        "paddlectl.methods.qmp:QMP",
-        "a DQN or TD3; of its own action and its sources' the one of largest Q is executed",
-        ("ppo", "td3"),
-        _ANY,
-    ),
     "ppo": Entry(
         "paddlectl.methods.flat:FLAT_PPO",
         "proximal policy optimisation on the whole state, without subgoals",
@@ -82,11 +66,29 @@ METHODS: Mapping[str, Entry] = {
         (),
         frozenset({"continuous"}),
     ),
+    "cup": Entry(
+        "paddlectl.methods.cup:CUP",
+        "the critic picks the source of largest advantage in each state, and the target is drawn to it",
+        ("ppo", "td3"),
+        _ANY,
+    ),
     "ptf": Entry(
         "paddlectl.methods.ptf:PTF",
         "options over flat sources decide which of them PPO or TD3 imitates, less and less",
         ("ppo", "td3"),
         _ANY,
+    ),
+    "qmp": Entry(
+        "paddlectl.methods.qmp:QMP",
+        "a DQN or TD3; of its own action and its sources' the one of largest Q is executed",
+        ("ppo", "td3"),
+        _ANY,
+    ),
+    "componet": Entry(
+        "paddlectl.methods.componet:COMPONET",
+        "a new policy over PPO attends to the outputs of frozen ones and adds its own",
+        ("ppo",),
+        frozenset({"discrete"}),
     ),
 }
 
