@@ -68,7 +68,7 @@ MISTAKES = [
     ("GapBall", "gapball", "3:24: unknown task 'gapball'; did you mean 'GapBall'?"),
     ("GapBall", "BlockedDoor", "3:24: 'BlockedDoor' stands twice in sources"),
     ("paddle", "padle", "4:9: unknown method 'padle'; did you mean 'paddle'?"),
-    ("paddle", "dqn", "4:9: unknown method 'dqn'; there are paddle, hdm"),
+    ("paddle", "sarsa", "4:9: unknown method 'sarsa'; there are paddle, hdm"),
     ("[0, 1, 2]", "[0, 1, 1]", "5:15: 1 stands twice in seeds"),
     ("[0, 1, 2]", "[0, -1]", "5:12: seeds.1: input should be greater than or equal to 0"),
     ("[0, 1, 2]", "[]", "5:8: seeds: must not be empty"),

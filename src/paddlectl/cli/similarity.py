@@ -7,7 +7,6 @@ import typer
 
 from paddlectl.cli.options import AsJson, RegistryPlace, complete_sources, complete_tasks
 from paddlectl.errors import NotFoundError, UsageError
-from paddlectl.methods.catalogue import teacher_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -82,15 +81,20 @@ def weights(body: float | None, head: float | None) -> tuple[float, float]:
 
 
 def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") -> "list[PolicyRecord]":
-    """The policies named, each once; without names the best one of every other task of the domain.
+    """The policies named, each once; without names those of every other task of the domain.
+
+    Of a task it is the best that a transfer by `paddle` would reuse.
 
     Raises:
         NotFoundError: If a policy, or any policy of the domain, isn't there.
         UsageError: If a policy is of another domain.
     """
     from paddlectl.cli.named import policy_named
+    from paddlectl.methods.catalogue import teacher_of
 
-    found = [policy_named(registry, name) for name in names] or _best_of_domain(registry, target)
+    teaches = teacher_of("paddle", target)
+    found = [policy_named(registry, name, teaches) for name in names]
+    found = found or _best_of_domain(registry, target, teaches)
     if not found:
         raise NotFoundError(
             f"no policy of another {target.domain} task in {registry.shown}",
@@ -116,8 +120,7 @@ def _another(target: "Task") -> str:
     return next(n for n in names() if n != target.name and load(n).domain == target.domain)
 
 
-def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":
-    teaches = teacher_of("paddle", target)
+def _best_of_domain(registry: "Registry", target: "Task", teaches: str | None) -> "list[PolicyRecord]":
     solved = registry.solved(target.domain, teaches)
     return [registry.policy(task, teaches) for task in solved if task != target.name]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from sqlalchemy import Connection, select, update
+from sqlalchemy import Connection, func, select, update
 
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry import documents, fields, identity, layout, objects
@@ -24,7 +24,7 @@ from paddlectl.registry.records import RUN_STATES, Label, PolicyRecord, RunRecor
 from paddlectl.registry.schema import REVISIONS, policies, policy_records, run_records, runs, select_runs
 from paddlectl.registry.sqlite import SqliteDatabase
 
-Which = Literal["policies", "transfers", "ended", "stopped"]
+Which = Literal["policies", "programs", "transfers", "ended", "stopped"]
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _PLACES = "give a folder, or postgresql://…?files=FOLDER"
 
@@ -289,6 +289,13 @@ class Registry(Entry):
                 return find_policy(connection, number)
             return best_policy(connection, name, method)
 
+    def newest_by_seed(self, task: str, method: str) -> dict[int, str]:
+        """Seed -> id of the newest policy of a task that was learned with it, by one method."""
+        c = policies.c
+        newest = select(c.seed, func.max(c.id)).where(c.task == task, c.method == method).group_by(c.seed)
+        with self._transaction(self._reading) as connection:
+            return {int(seed): f"policy-{number}" for seed, number in connection.execute(newest)}
+
     def policies(self) -> list[PolicyRecord]:
         """All policies, newest first."""
         return self.newest_policies()[0]
@@ -310,10 +317,15 @@ class Registry(Entry):
             return [str(task) for task in connection.scalars(tasks)]
 
     def labels(self, which: Which) -> list[Label]:
-        """Of policies, of transfers, of runs that have ended, or of such as can be resumed; newest first."""
-        c, kind = (policies.c, "policy") if which == "policies" else (runs.c, "run")
+        """Of policies, or those with a program; of transfers; of runs that have ended, or can be resumed.
+
+        The newest come first.
+        """
+        c, kind = (policies.c, "policy") if which in ("policies", "programs") else (runs.c, "run")
         rows = select(c.id, c.method, c.task).order_by(c.id.desc())
         match which:
+            case "programs":
+                rows = rows.where(c.program.is_not(None))
             case "transfers":
                 rows = rows.where(c.kind == "transfer")
             case "ended":
