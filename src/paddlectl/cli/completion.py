@@ -61,16 +61,15 @@ def policy_names(registry: str | None) -> list[tuple[str, str]]:
 @_quiet
 def source_names(registry: str | None, target: str | None) -> list[tuple[str, str]]:
     """Those that Ψ of the target can be shown from: with a program, of its domain."""
-    from paddlectl.methods.catalogue import teacher_of
+    from paddlectl.methods.catalogue import entry_of
     from paddlectl.tasks.suite import load, names
 
     policies = _soon(registry, "programs")
-    if not target:
-        return _with_tasks(policies)
-    near = {name for name in names() if load(name).domain == load(target).domain}
-    teaches = teacher_of("paddle", load(target))
-    policies = [policy for policy in policies if policy.task in near]
-    return _best([policy for policy in policies if policy.method == teaches]) + _pairs(policies)
+    if target:
+        near = {name for name in names() if load(name).domain == load(target).domain}
+        policies = [policy for policy in policies if policy.task in near]
+    teaches = entry_of("paddle").teaches
+    return _best([policy for policy in policies if policy.method in teaches]) + _pairs(policies)
 
 
 @_quiet
