@@ -263,12 +263,32 @@ def test_a_paired_transfer_is_resumed_explained_exported_and_imported(
     assert imported.sources == tuple(f"elsewhere:{policy}" for policy in ids[1])
 
 
+# The command line, but that its runs are small and in its own process.
+COMMAND = """
+import sys
+from dataclasses import replace
+from paddlectl.cli.app import main
+from paddlectl.experiments import processes
+from paddlectl.experiments.runner import run_transfer
+from paddlectl.registry.store import Registry
+from small_transfer import SMALL
+from trials.runs import quiet, small
+
+def run_jobs(jobs, location, *_):
+    with small(), Registry.open(location) as registry:
+        return [run_transfer(replace(job, changes=SMALL), registry, quiet) for job in jobs]
+
+processes.run_jobs = run_jobs
+sys.exit(main())
+"""
+
+
 def test_the_command_gives_each_paired_seed_its_own_sources(twice: Registry, tmp_path: Path) -> None:
     file = tmp_path / "x.yaml"
     sources = "{tasks: [BlockedDoor, GapBall], seed: paired}"
     file.write_text(f"name: A\ntarget: {TARGET}\nsources: {sources}\nseeds: 0-1\nframes: 1\n")
-    line = [sys.executable, "-m", "paddlectl", "transfer", str(file), "--registry", twice.location, "--json"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    line = [sys.executable, "-c", COMMAND, "transfer", str(file), "--registry", twice.location, "--json"]
+    environment = os.environ | {"PYTHONPATH": f"{ROOT / 'src'}:{ROOT / 'tests'}"}
     done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     ids = resolve(twice, paired("BlockedDoor", "GapBall"), "paddle", (0, 1)).required()
