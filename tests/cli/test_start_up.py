@@ -162,6 +162,10 @@ def test_completion_offers_what_the_command_takes(registry: Registry) -> None:
         "policy-4",
     ]
     assert "policy-4" not in complete(f"paddlectl similarity --target {TARGET} --source p", **where)
+    add_source(registry, "DoorBall", None, method="ppo")
+    add_source(registry, "OpenGoal", "0.9 :: gt_key()", method="random")
+    offered = complete(f"paddlectl similarity --target {TARGET} --source ", **where)
+    assert set(offered) == {TARGET, "GapBall", "BlockedDoor", "policy-1", "policy-2", "policy-3", "policy-6"}
 
 
 def test_nothing_is_offered_where_there_is_nothing(tmp_path: Path) -> None:

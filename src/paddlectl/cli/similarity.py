@@ -82,7 +82,9 @@ def weights(body: float | None, head: float | None) -> tuple[float, float]:
 
 
 def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") -> "list[PolicyRecord]":
-    """The policies named, each once; without names the best one of every other task of the domain.
+    """The policies named, each once; without names those of every other task of the domain.
+
+    Of a task it is the best that a transfer by `paddle` would reuse.
 
     Raises:
         NotFoundError: If a policy, or any policy of the domain, isn't there.

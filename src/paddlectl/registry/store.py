@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from sqlalchemy import Connection, select, update
+from sqlalchemy import Connection, func, select, update
 
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry import documents, fields, identity, layout, objects
@@ -289,6 +289,13 @@ class Registry(Entry):
             if number is not None:
                 return find_policy(connection, number)
             return best_policy(connection, name, method, clauses=clauses)
+
+    def newest_by_seed(self, task: str, method: str) -> dict[int, str]:
+        """Seed -> id of the newest policy of a task that was learned with it, by one method."""
+        c = policies.c
+        newest = select(c.seed, func.max(c.id)).where(c.task == task, c.method == method).group_by(c.seed)
+        with self._transaction(self._reading) as connection:
+            return {int(seed): f"policy-{number}" for seed, number in connection.execute(newest)}
 
     def policies(self) -> list[PolicyRecord]:
         """All policies, newest first."""
