@@ -19,9 +19,10 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from paddlectl import whole
 from paddlectl.errors import InvalidFileError, NotFoundError, UsageError
-from paddlectl.methods.catalogue import METHODS
+from paddlectl.methods import catalogue
 from paddlectl.registry import fields
-from paddlectl.tasks.suite import load, names
+from paddlectl.tasks import suite
+from paddlectl.tasks.suite import load
 from paddlectl.transfer.guidance import PaperSettings
 
 MAX_BYTES = 1_000_000
@@ -207,11 +208,11 @@ def _mark_at(before: str) -> Mark:
 
 def _misuses(scenario: Scenario) -> Iterator[Problem]:
     """What a schema can't know: names of tasks and methods, and sources that can't serve the target."""
-    if scenario.method not in METHODS:
-        yield Problem(("method",), unknown("method", scenario.method, tuple(METHODS)))
+    if not catalogue.known(scenario.method):
+        yield Problem(("method",), unknown("method", scenario.method, catalogue.names()))
     for path, task in [(("target",), scenario.target), *_places("sources", scenario.sources)]:
-        if task not in names():
-            yield Problem(path, unknown("task", task, names()))
+        if not suite.known(task):
+            yield Problem(path, unknown("task", task, suite.names()))
     for key, values in (("sources", scenario.sources), ("seeds", scenario.seeds)):
         for index, value in enumerate(values):
             if value in values[:index]:
@@ -225,11 +226,11 @@ def _places(key: str, values: tuple[Any, ...]) -> Iterator[tuple[KeyPath, Any]]:
 
 
 def _foreign_sources(scenario: Scenario) -> Iterator[Problem]:
-    if scenario.target not in names():
+    if not suite.known(scenario.target):
         return
     domain = load(scenario.target).domain
     for path, source in _places("sources", scenario.sources):
-        if source in names() and load(source).domain != domain:
+        if suite.known(source) and load(source).domain != domain:
             message = f"{source} is a task of {load(source).domain}, the target {scenario.target} of {domain}"
             yield Problem(path, f"{message}: its policy can't act there")
 

@@ -61,11 +61,13 @@ def train(
     as_json: AsJson = False,
 ) -> None:
     """Train sources with the hybrid decision model and keep them in the registry."""
+    from paddlectl.cli.quiet import stdout_kept
     from paddlectl.cli.texts import here
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRAINED, table
 
-    asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset, method)
+    with stdout_kept():
+        asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset, method)
     ended = run_training(asked, registry, checkpoint_every, jobs)
     if as_json:
         print_json({"runs": ended.rows, "failed": ended.documents()})
@@ -88,7 +90,7 @@ def train_jobs(
         NotFoundError: If there is no such task, or one of them has no such preset.
         UsageError: If there is no such method, or it is none for a source.
     """
-    from paddlectl.methods.catalogue import METHODS, entry_of, require_actions
+    from paddlectl.methods.catalogue import entry_of, require_actions, usable
     from paddlectl.tasks.base import GUIDED
     from paddlectl.tasks.suite import load
 
@@ -99,7 +101,7 @@ def train_jobs(
             raise NotFoundError(f"{name} has no preset {preset}", has)
 
     if entry_of(method).teaches:
-        alone = ", ".join(name for name, entry in METHODS.items() if not entry.teaches)
+        alone = ", ".join(name for name, entry in usable().items() if not entry.teaches)
         raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {alone}")
 
     for name in known:

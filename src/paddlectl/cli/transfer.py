@@ -76,7 +76,8 @@ def transfer(
     scenario = load_scenario(file)
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
     method = method or scenario.method
-    teaches = teacher_of(method, load(scenario.target))
+    with stdout_kept():
+        teaches = teacher_of(method, load(scenario.target))
     opened = Registry.open(registry, create=train_missing or teaches is None)
     sources = source_policies(opened, scenario, teaches, registry, train_missing, jobs) if teaches else ()
     with stdout_kept():
