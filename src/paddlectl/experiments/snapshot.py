@@ -201,12 +201,14 @@ class _Writer:
 class _Reader:
     """Fills values from their nodes; gives the value that belongs in the place of the old one.
 
-    That is the old one wherever it can be, for others may refer to it.
+    That is the old one wherever it can be, for others may refer to it; but only in one place of those that
+    shared it at the start and don't any more.
     """
 
     def __init__(self, arrays: dict[str, np.ndarray]) -> None:
         self._arrays = arrays
         self._done: list[Any] = []
+        self._used: dict[int, Any] = {}
 
     def fill(self, old: Any, node: Any) -> Any:
         if not isinstance(node, list):
@@ -216,6 +218,9 @@ class _Reader:
             return self._done[rest[0]]
         if kind in ("bytes", "constant", "enum", "fixed", "float", "scalar"):
             return getattr(self, f"_{kind}")(old, *rest)
+        if id(old) in self._used:
+            old = None
+        self._used[id(old)] = old
         number = len(self._done)
         self._done.append(old)  # for what refers back to it from within
         self._done[number] = getattr(self, f"_{kind}")(old, *rest)
