@@ -7,7 +7,6 @@ import typer
 
 from paddlectl.cli.options import AsJson, RegistryPlace, complete_sources, complete_tasks
 from paddlectl.errors import NotFoundError, UsageError
-from paddlectl.methods.catalogue import teacher_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -118,6 +117,8 @@ def _way_to_another(target: "Task") -> str:
 
 
 def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":
+    from paddlectl.methods.catalogue import teacher_of
+
     teaches = teacher_of("paddle", target)
     solved = registry.solved(target.domain, teaches)
     return [registry.policy(task, teaches) for task in solved if task != target.name]
