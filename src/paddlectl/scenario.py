@@ -28,10 +28,11 @@ from pydantic import (
 
 from paddlectl import whole
 from paddlectl.errors import InvalidFileError, NotFoundError, UsageError
-from paddlectl.methods.catalogue import METHODS
+from paddlectl.methods import catalogue
 from paddlectl.registry import fields
 from paddlectl.registry.names import number_of
-from paddlectl.tasks.suite import load, names
+from paddlectl.tasks import suite
+from paddlectl.tasks.suite import load
 from paddlectl.transfer.guidance import PaperSettings
 
 MAX_BYTES = 1_000_000
@@ -250,10 +251,10 @@ def _mark_at(before: str) -> Mark:
 
 def _misuses(scenario: Scenario) -> Iterator[Problem]:
     """What a schema can't know: names of tasks and methods, and sources that can't serve the target."""
-    if scenario.method not in METHODS:
-        yield Problem(("method",), unknown("method", scenario.method, tuple(METHODS)))
-    if scenario.target not in names():
-        yield Problem(("target",), unknown("task", scenario.target, names()))
+    if not catalogue.known(scenario.method):
+        yield Problem(("method",), unknown("method", scenario.method, catalogue.names()))
+    if not suite.known(scenario.target):
+        yield Problem(("target",), unknown("task", scenario.target, suite.names()))
     key: KeyPath = ("sources", "tasks") if isinstance(scenario.sources, TaskSources) else ("sources",)
     for path, name in _places(key, scenario.source_names):
         if message := _misnamed(name, key, scenario.target):
@@ -273,9 +274,9 @@ def _misnamed(name: str, key: KeyPath, target: str) -> str:
     """What is wrong with the name of a source, as far as a file can tell; empty if nothing is."""
     if number_of(name, "policy") is not None:
         return f"{name} is no task; to name policies write sources: [{name}]" if key[1:] else ""
-    if name not in names():
-        return _unknown_policy(name) or unknown("task", name, names())
-    if target not in names() or load(name).domain == load(target).domain:
+    if not suite.known(name):
+        return _unknown_policy(name) or unknown("task", name, suite.names())
+    if not suite.known(target) or load(name).domain == load(target).domain:
         return ""
     message = f"{name} is a task of {load(name).domain}, the target {target} of {load(target).domain}"
     return f"{message}: its policy can't act there"

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import torch
 
+from paddlectl import plugins
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments import snapshot
 from paddlectl.learners.ppo import PPO
@@ -288,6 +289,15 @@ def test_equal_constants_are_one_or_two_objects_alike() -> None:
     assert snapshot.capture({"it": one}) == snapshot.capture({"it": two})
 
 
+@pytest.mark.parametrize(
+    "make", [lambda: np.zeros(2), lambda: [0], lambda: {"a": 0}, lambda: torch.zeros(2), lambda: Late(None)]
+)
+def test_what_was_one_object_at_the_start_may_be_two_later(make: Callable[[], Any]) -> None:
+    shared = make()
+    found = went_through([shared, shared, shared], [one := make(), make(), one])
+    assert found[0] is shared is found[2] and found[1] is not shared
+
+
 SETS = """
 from paddlectl.experiments import snapshot
 print(snapshot.digest(snapshot.capture({"it": frozenset("abcdefgh")})[0]))
@@ -345,6 +355,64 @@ def test_any_class_that_offers_it_is_taken() -> None:
     assert went_through(there, Foreign(2, 3)) is there and there.snapshot() == [2, 3]
     assert went_through([None], [Foreign(2)])[0].snapshot() == [2], "made only after the start"
     assert went_through(SimpleHolder(Numbers()), SimpleHolder(Foreign(4))).held.snapshot() == [4]
+
+
+class Plain:
+    """A plug-in's."""
+
+    def __init__(self, steps: int) -> None:
+        self.steps = [steps]
+
+    @property
+    def trap(self) -> int:
+        return 0
+
+    @trap.setter
+    def trap(self, value: int) -> None:
+        raise AssertionError("run by what was saved")
+
+
+class Guarded(Plain):
+    def __del__(self) -> None:
+        pass
+
+
+class Made(Plain):
+    def __new__(cls, steps: int) -> "Made":
+        return super().__new__(cls)
+
+
+class Setting(Plain):
+    def __setattr__(self, name: str, value: Any) -> None:
+        super().__setattr__(name, value)
+
+
+def test_plain_classes_of_plug_ins_in_use_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(PaddlectlError, match="a Plain of module"):
+        snapshot.capture({"it": Plain(1)})
+    monkeypatch.setattr(plugins, "packages", {*plugins.packages, Plain.__module__.partition(".")[0]})
+    there = Plain(1)
+    assert went_through(there, Plain(2)) is there and there.steps == [2]
+    assert went_through([None], [Plain(3)])[0].steps == [3]
+    for odd in (Guarded(1), Made(1), Setting(1)):
+        with pytest.raises(PaddlectlError, match="give it snapshot"):
+            snapshot.capture({"it": odd})
+
+
+@pytest.mark.parametrize("kind", [Guarded, Made, Setting])
+def test_no_code_of_a_plug_in_runs_for_what_was_saved(
+    kind: type[Plain], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plugins, "packages", {*plugins.packages, Plain.__module__.partition(".")[0]})
+    tree, arrays = snapshot.capture({"it": [Plain(1)]})
+    text = json.dumps(tree)
+    for forged, told in (
+        (text.replace('Plain"', f'{kind.__name__}"'), "isn't of this project"),
+        (text.replace('"steps"', '"trap"'), "trap of .* isn't stored"),
+        (text.replace('"steps"', '"__class__"'), "__class__ of .* isn't stored"),
+    ):
+        with pytest.raises(IntegrityError, match=told):
+            snapshot.restore({"it": [None]}, json.loads(forged), arrays)
 
 
 class Half:

@@ -38,16 +38,18 @@ class Episode(NamedTuple):
 
 
 class Player(Protocol):
-    """Acts in B environments side by side."""
+    """Acts in B environments side by side. One that inherits from it keeps nothing and knows no scenes."""
 
     def act(self, environment: Environment) -> NDArray[np.generic]:
         """An action for each environment, as `Environment.step` takes them. [B, ...]"""
 
     def observe(self, environment: Environment, step: Step) -> None:
         """Takes in what came of the actions. Environments that have ended aren't reset yet."""
+        return
 
     def scenes(self, lane: int) -> tuple[int, ...]:
         """The scenes that the episode came through which has just ended there."""
+        return ()
 
 
 class ReuseRow(NamedTuple):
@@ -77,7 +79,7 @@ Tables = Mapping[str, Sequence[Mapping[str, Any]]]
 
 
 class Policy(Protocol):
-    """What was learned.
+    """What was learned. One that inherits from it has no clauses.
 
     Attributes:
         task: The task.
@@ -87,7 +89,7 @@ class Policy(Protocol):
 
     task: Task
     action_repeat: int
-    scene_count: int
+    scene_count: int = 0
 
     def player(self, task: Task, environments: int, seed: np.random.SeedSequence) -> Player:
         """Plays by it and learns nothing; all chance is `seed`'s. The task may be another of its domain."""
@@ -99,6 +101,7 @@ class Policy(Protocol):
             passed: How many of the episodes came through each scene. [S]
             episodes: How many were played.
         """
+        return None, None
 
     def settings_document(self) -> dict[str, Any]:
         """Its settings as JSON-able values, for it to be revived by."""
@@ -112,6 +115,8 @@ class Policy(Protocol):
 
 class Agent(Player, Protocol):
     """Learns a task while it acts on it. All that changes is in its attributes, between two rounds.
+
+    One that inherits from it has no sources, and keeps nothing beside the usual tables.
 
     Attributes:
         rollout_steps: Steps of each environment between two updates.
@@ -132,6 +137,7 @@ class Agent(Player, Protocol):
 
     def reuse(self) -> Iterable[ReuseRow]:
         """How its sources stand as of now; nothing without sources. It changes nothing."""
+        return ()
 
     def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
         """Takes stock after a round, and gives what is to be kept in the run's tables.
@@ -141,9 +147,11 @@ class Agent(Player, Protocol):
             episodes: Those that ended in the round.
             known: Episodes that have ended so far, in the order of their start, up to the first that hasn't.
         """
+        return {}
 
     def close(self) -> Tables:
         """The last rows of the run's tables."""
+        return {}
 
     def documents(self) -> Mapping[str, Any]:
         """What is to be kept beside the tables, by name, before the first round and after the last.
@@ -151,6 +159,7 @@ class Agent(Player, Protocol):
         Each is an object. `explain` tells its fields as they stand: plain values, and objects that have plain
         values by name. Ids of policies are told as their tasks.
         """
+        return {}
 
     def policy(self) -> Policy:
         """What it has learned."""

@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from paddlectl.agents.base import TARGET_NAME, Episode, ReuseRow, Tables
+from paddlectl.agents.base import TARGET_NAME, Agent, Episode, Player, Policy, ReuseRow, Tables
 from paddlectl.agents.reuse import ReuseRecorder
 from paddlectl.learners.base import Actor, Learner, LearnerSettings
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.learners.ppo import PPOSettings
-from paddlectl.tasks.base import FRAMES, Environment, Ints, Step, Task
+from paddlectl.tasks.base import FRAMES, Environment, Step, Task
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class FlatSettings:
     learner: LearnerSettings = field(default_factory=PPOSettings)
 
 
-class FlatPolicy:
+class FlatPolicy(Policy):
     """What a flat learner knows.
 
     Attributes:
@@ -45,10 +45,7 @@ class FlatPolicy:
         settings: Of its method.
         learner: Its networks, and how they learn.
         action_repeat: Steps of the task that one action lasts.
-        scene_count: 0: it knows no scenes.
     """
-
-    scene_count = 0
 
     def __init__(self, task: Task, seed: int, settings: FlatSettings) -> None:
         environment = task.make(1, 0)
@@ -63,10 +60,6 @@ class FlatPolicy:
         """Plays by what was learned and learns nothing; all chance is `seed`'s."""
         return FlatPlayer(self.learner.frozen(), np.random.default_rng(seed))
 
-    def played_program(self, passed: Ints, episodes: int) -> tuple[None, None]:
-        """No program, and no crispness."""
-        return None, None
-
     def settings_document(self) -> dict[str, Any]:
         """Its settings as JSON-able values."""
         return asdict(self.settings)
@@ -80,7 +73,7 @@ class FlatPolicy:
         self.learner.load(state)
 
 
-class FlatPlayer:
+class FlatPlayer(Player):
     """Acts by the whole state."""
 
     def __init__(self, actor: Actor, rng: np.random.Generator) -> None:
@@ -91,15 +84,8 @@ class FlatPlayer:
         """[B, ...]"""
         return self._actor.act(environment.flat_state(), self._rng)[0]
 
-    def observe(self, environment: Environment, step: Step) -> None:
-        """Nothing: it keeps nothing."""
 
-    def scenes(self, lane: int) -> tuple[int, ...]:
-        """None."""
-        return ()
-
-
-class FlatAgent:
+class FlatAgent(Agent):
     """Learns from the task's own rewards; the horizon is no end (Pardo et al., 2018).
 
     Args:
@@ -139,10 +125,6 @@ class FlatAgent:
             buffer.final_observations[t] = environment.flat_state()
         self._t = (t + 1) % self.rollout_steps
 
-    def scenes(self, lane: int) -> tuple[int, ...]:
-        """None."""
-        return ()
-
     def update(self, environment: Environment, progress: float) -> Mapping[str, float]:
         """One update."""
         self._buffer.last_observations[:] = environment.flat_state()
@@ -152,22 +134,6 @@ class FlatAgent:
     def _learn(self, environment: Environment) -> Mapping[str, float]:
         """One update of the learner, from the block. A method that reuses sources learns here."""
         self._policy.learner.update(self._buffer)
-        return {}
-
-    def reuse(self) -> Iterable[ReuseRow]:
-        """Nothing."""
-        return ()
-
-    def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
-        """Nothing beside the usual tables."""
-        return {}
-
-    def close(self) -> Tables:
-        """Nothing beside the usual tables."""
-        return {}
-
-    def documents(self) -> Mapping[str, Any]:
-        """None."""
         return {}
 
     def policy(self) -> FlatPolicy:

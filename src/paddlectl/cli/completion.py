@@ -62,11 +62,12 @@ def policy_names(registry: str | None) -> list[tuple[str, str]]:
 def source_names(registry: str | None, target: str | None) -> list[tuple[str, str]]:
     """Those that Ψ of the target can be shown from: of its domain, with clauses."""
     from paddlectl.methods.catalogue import entry_of
-    from paddlectl.tasks.suite import load, names
+    from paddlectl.tasks.suite import load, usable
 
     policies = _soon(registry, "programs")
     if target:
-        near = {name for name in names() if load(name).domain == load(target).domain}
+        domain = load(target).domain
+        near = {task.name for task in usable() if task.domain == domain}
         policies = [policy for policy in policies if policy.task in near]
     teaches = entry_of("paddle").teaches
     return _best([policy for policy in policies if policy.method in teaches]) + _pairs(policies)

@@ -19,12 +19,12 @@ def policy_named(registry: "Registry", name: str, method: str | None = None) -> 
         NotFoundError: If there is none; what it says to train is a task.
     """
     from paddlectl.registry.names import is_id
-    from paddlectl.tasks.suite import names
+    from paddlectl.tasks.suite import known, names
 
     try:
         return registry.policy(name, method)
     except NotFoundError as error:
-        if is_id(name) or name in names():
+        if is_id(name) or known(name):
             raise
         raise NotFoundError(error.message, _way_to(name, names(), registry.solved(method=method))) from None
 

@@ -94,7 +94,7 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
     if not found:
         raise NotFoundError(
             f"no policy of another {target.domain} task in {registry.shown}",
-            f"run: paddlectl train {_another(target)}",
+            _way_to_another(target),
         )
     for policy in found:
         if policy.domain != target.domain:
@@ -120,11 +120,12 @@ def _named(registry: "Registry", name: str) -> "PolicyRecord":
     return policy
 
 
-def _another(target: "Task") -> str:
-    """The first other task of the domain: a source."""
-    from paddlectl.tasks.suite import load, names
+def _way_to_another(target: "Task") -> str:
+    """By the first other task of the domain: a source."""
+    from paddlectl.tasks.suite import usable
 
-    return next(n for n in names() if n != target.name and load(n).domain == target.domain)
+    others = [task.name for task in usable() if task.domain == target.domain and task.name != target.name]
+    return f"run: paddlectl train {others[0]}" if others else f"{target.name} is the only one of its domain"
 
 
 def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":

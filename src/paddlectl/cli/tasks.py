@@ -1,6 +1,12 @@
 """`paddlectl tasks`."""
 
+import sys
+from typing import TYPE_CHECKING
+
 from paddlectl.cli.options import AsJson
+
+if TYPE_CHECKING:
+    from paddlectl.errors import PaddlectlError
 
 EXAMPLE = "Example: paddlectl tasks --json"
 
@@ -9,7 +15,7 @@ def tasks(as_json: AsJson = False) -> None:
     """List the tasks that can be trained on and transferred to."""
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TASKS, table
-    from paddlectl.tasks.suite import load, names
+    from paddlectl.tasks.suite import usable
 
     rows = [
         {
@@ -21,9 +27,15 @@ def tasks(as_json: AsJson = False) -> None:
             "summary": task.summary,
             "presets": list(task.presets),
         }
-        for task in map(load, names())
+        for task in usable(_tell)
     ]
     if as_json:
         print_json({"tasks": rows})
     else:
         print_text([table(TASKS, rows)])
+
+
+def _tell(broken: "PaddlectlError") -> None:
+    from paddlectl.cli.texts import one_line
+
+    print(one_line(f"note: {broken.message}; {broken.hint}"), file=sys.stderr)

@@ -64,11 +64,13 @@ def train(
     as_json: AsJson = False,
 ) -> None:
     """Train sources from scratch and keep them in the registry."""
+    from paddlectl.cli.quiet import stdout_kept
     from paddlectl.cli.texts import here
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRAINED, table
 
-    asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset, method)
+    with stdout_kept():
+        asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset, method)
     ended = run_training(asked, registry, checkpoint_every, jobs)
     if as_json:
         print_json({"runs": ended.rows, "failed": ended.documents()})
@@ -91,7 +93,7 @@ def train_jobs(
         NotFoundError: If there is no such task, or one of them has no such preset.
         UsageError: If there is no such method, or it is none for a source.
     """
-    from paddlectl.methods.catalogue import entry_of, require_actions
+    from paddlectl.methods.catalogue import alone, entry_of, require_actions
     from paddlectl.tasks.base import GUIDED
     from paddlectl.tasks.suite import load
 
@@ -101,11 +103,11 @@ def train_jobs(
             has = f"its presets: {', '.join(presets)}" if presets else "it has none: leave out --preset"
             raise NotFoundError(f"{name} has no preset {preset}", has)
 
-    if entry_of(method, ALONE).teaches:
-        raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {', '.join(ALONE)}")
+    if entry_of(method, alone).teaches:
+        raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {', '.join(alone())}")
 
     for name in known:
-        require_actions(method, load(name), ALONE)
+        require_actions(method, load(name), alone)
 
     from paddlectl.experiments.jobs import TrainJob
 

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from importlib.metadata import distributions, version
 from typing import Any, NamedTuple
 
+from paddlectl import plugins
 from paddlectl.agents.base import Episode
 from paddlectl.agents.interaction import Round
 from paddlectl.errors import IntegrityError
@@ -119,6 +120,7 @@ def versions() -> dict[str, str]:
         "platform": platform.platform(),
         "threads": "1",
         **{package: version(package) for package in packages if package in installed},
+        **plugins.versions(),
     }
 
 

@@ -11,18 +11,15 @@ import torch
 
 from paddlectl.agents.base import Policy
 from paddlectl.agents.evaluation import evaluate as played
-from paddlectl.errors import IntegrityError, UsageError
+from paddlectl.errors import IntegrityError, NotFoundError, UsageError
 from paddlectl.experiments.log import RunLog
 from paddlectl.logic.syntax import format_program
 from paddlectl.methods.base import Method, method_of
-from paddlectl.registry.names import shown
+from paddlectl.methods.catalogue import MADE_AS
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Task
 from paddlectl.tasks.suite import load
-
-MADE_AS = {"random": "hdm"}
-"""A policy's method -> the one that makes such policies, where it is another."""
 
 EVALUATION_EPISODES = 200
 EVALUATION_SEED = 12345
@@ -80,10 +77,11 @@ def revive(registry: Registry, record: PolicyRecord) -> Policy:
     """The policy of a record, with its tensors and the settings that it was kept with.
 
     Raises:
+        NotFoundError: If its task or its method isn't there.
         IntegrityError: If the checkpoint isn't what was stored, or of another shape than its task asks for,
             or if this version can't read its settings, or lacks its method.
     """
-    task, method = load(record.task), _method_of(record)
+    task, method = needs_of(record)
     try:
         _require_symbols(record, task)
         policy = method.policy(task, record.seed, _settings_of(registry, record, task, method))
@@ -96,13 +94,18 @@ def revive(registry: Registry, record: PolicyRecord) -> Policy:
     return policy
 
 
-def _method_of(record: PolicyRecord) -> Method:
+def needs_of(record: PolicyRecord | RunRecord) -> tuple[Task, Method]:
+    """The task and the method of a policy or a run.
+
+    Raises:
+        NotFoundError: If one isn't there, as when the plug-in that had it is uninstalled.
+    """
     try:
-        return method_of(MADE_AS.get(record.method, record.method))
-    except UsageError as error:
-        raise IntegrityError(
-            f"{record.id} was learned by {shown(record.method)}, which this version doesn't have",
-            "use the version of paddlectl that learned it",
+        return load(record.task), method_of(MADE_AS.get(record.method, record.method))
+    except (NotFoundError, UsageError) as error:
+        raise NotFoundError(
+            f"{record.id} needs what isn't installed: {error.message}",
+            "install the plug-in that it was made with",
         ) from error
 
 
@@ -153,9 +156,10 @@ def evaluate(registry: Registry, policy: PolicyRecord, task: str, episodes: int,
         The document of `evaluate --json`.
 
     Raises:
+        NotFoundError: If there is no such task, or what the policy needs isn't there.
         IntegrityError: If the task is of another domain, or the checkpoint isn't what was stored.
     """
-    environment = load(task)
+    environment = needs_of(policy)[0] if task == policy.task else load(task)
     if environment.domain != policy.domain:
         raise IntegrityError(
             f"{policy.id} is a {policy.domain} policy; {task} is a {environment.domain} task",

@@ -4,11 +4,12 @@ import multiprocessing
 import os
 import select
 import signal
+import sys
 import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext
 from typing import Any
@@ -204,7 +205,8 @@ def _work(job: Job, registry: str, events: Connection, every: float | None) -> N
     signal.signal(signal.SIGTERM, stop)
     line = _Line(events)
     try:
-        line.send(_done(job, registry, line, stop, every))
+        with redirect_stdout(sys.stderr):  # stdout is the answer's
+            line.send(_done(job, registry, line, stop, every))
     except PaddlectlError as error:
         line.send(error)
     except KeyboardInterrupt:

@@ -9,14 +9,13 @@ from paddlectl.agents.settings import restored
 from paddlectl.errors import IntegrityError
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.pace import Pace, require_resumable
+from paddlectl.experiments.policies import needs_of
 from paddlectl.experiments.runner import run_transfer, train_source
-from paddlectl.methods.base import method_of
 from paddlectl.registry import fields
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.tasks.base import Task
-from paddlectl.tasks.suite import load
 
 
 def resume(run: str, registry: Registry, report: Callable[[Progress], None], pace: Pace) -> dict[str, Any]:
@@ -44,11 +43,12 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
     """The job that a run was begun with.
 
     Raises:
+        NotFoundError: If its task or its method isn't there.
         IntegrityError: If this version can't read its settings.
     """
-    told, task = run.settings, load(run.task)
+    told, (task, method) = run.settings, needs_of(run)
     try:
-        method, frames = method_of(run.method), _budget(told["frames"])
+        frames = _budget(told["frames"])
         changes = dataclasses.asdict(method.settings_from(task, told["learning"]))
         if run.kind == "train":
             return TrainJob(run.task, run.seed, frames, changes, _preset(task, told["preset"]), method.name)

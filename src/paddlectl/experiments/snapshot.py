@@ -5,9 +5,10 @@ and a kind of value that isn't known is an error. So nothing can be forgotten wh
 attribute. Going back, objects are made as at the start of a run and then overwritten; what was restored is
 captured once more and must be what was stored, bit for bit.
 
-An object whose state isn't in its attributes (a simulator's), or whose class isn't of this project, offers
-`snapshot()`, which gives any value that is known here, and `restore(value)`. Of other projects' classes only
-named tuples, enums and frozen dataclasses are known besides.
+Classes of this package and of the plug-ins in use are known by their attributes, if they are plain: such as
+make, set and delete their objects as any class does. Of other projects' classes only named tuples, enums and
+frozen dataclasses are. All others, and an object whose state isn't in its attributes (a simulator's), offer
+`snapshot()`, which gives any value that is known here, and `restore(value)`.
 
 Nothing is imported for what was saved, and no function called by a name in it: an object that isn't there yet
 is made of a class that the run itself has loaded.
@@ -16,11 +17,13 @@ is made of a class that the run itself has loaded.
 import functools
 import gc
 import hashlib
+import inspect
 import json
 import math
 import sys
 import types
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import is_dataclass
 from enum import Enum
 from pathlib import PurePath
@@ -31,6 +34,7 @@ import safetensors
 import safetensors.numpy
 import torch
 
+from paddlectl import plugins
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.registry.store import Registry
 
@@ -39,7 +43,6 @@ _CODE = (types.FunctionType, types.BuiltinFunctionType, type)
 _CONTAINERS = (dict, list, tuple, set, frozenset, bytearray, np.ndarray, torch.Tensor, str, bytes, int, float)
 _TENSORS = (torch.Tensor, torch.nn.Parameter)
 _OF_MODULES = vars(torch.nn.Module()).keys() - {"training"}
-_HOUSE = "paddlectl."
 
 
 def capture(roots: dict[str, Any]) -> tuple[Any, bytes]:
@@ -198,12 +201,14 @@ class _Writer:
 class _Reader:
     """Fills values from their nodes; gives the value that belongs in the place of the old one.
 
-    That is the old one wherever it can be, for others may refer to it.
+    That is the old one wherever it can be, for others may refer to it; but only in one place of those that
+    shared it at the start and don't any more.
     """
 
     def __init__(self, arrays: dict[str, np.ndarray]) -> None:
         self._arrays = arrays
         self._done: list[Any] = []
+        self._used: dict[int, Any] = {}
 
     def fill(self, old: Any, node: Any) -> Any:
         if not isinstance(node, list):
@@ -213,6 +218,9 @@ class _Reader:
             return self._done[rest[0]]
         if kind in ("bytes", "constant", "enum", "fixed", "float", "scalar"):
             return getattr(self, f"_{kind}")(old, *rest)
+        if id(old) in self._used:
+            old = None
+        self._used[id(old)] = old
         number = len(self._done)
         self._done.append(old)  # for what refers back to it from within
         self._done[number] = getattr(self, f"_{kind}")(old, *rest)
@@ -273,7 +281,9 @@ class _Reader:
     def _module(self, old: Any, state: Any, beside: dict[str, dict[str, Any]]) -> Any:
         old.load_state_dict(self.fill(None, state))
         for path, nodes in beside.items():
-            self._set_attributes(old.get_submodule(path), nodes)
+            part = old.get_submodule(path)
+            _require_stored(type(part), nodes)
+            self._set_attributes(part, nodes)
         return old
 
     def _dict(self, old: Any, pairs: list[Any]) -> Any:
@@ -341,6 +351,7 @@ class _Reader:
         kind = _kind(old, name)
         if not _is_ours(kind):
             raise TypeError(f"{name} isn't of this project")
+        _require_stored(kind, nodes)
         if not _is_frozen(kind):
             return self._set_attributes(old if type(old) is kind else kind.__new__(kind), nodes)
         new = {key: self.fill(getattr(old, key, None), node) for key, node in nodes.items()}
@@ -475,7 +486,25 @@ def _is_named_tuple(kind: type) -> bool:
 
 def _is_ours(kind: type) -> bool:
     """Whether it is known by its attributes."""
-    return kind.__module__.startswith(_HOUSE) or _is_frozen(kind)
+    return _is_frozen(kind) or (kind.__module__.partition(".")[0] in plugins.packages and _is_plain(kind))
+
+
+def _is_plain(kind: type) -> bool:
+    """Whether no code of its own runs when an object is made, set and deleted."""
+    usual = all(getattr(kind, name) is getattr(object, name) for name in ("__new__", "__setattr__"))
+    return usual and not hasattr(kind, "__del__")
+
+
+def _require_stored(kind: type, names: Collection[str]) -> None:
+    """Refuses names that the class answers by code, such as a property.
+
+    Raises:
+        TypeError: If there is one.
+    """
+    for name in names:
+        found = inspect.getattr_static(kind, name, None)
+        if hasattr(type(found), "__set__") and not isinstance(found, types.MemberDescriptorType):
+            raise TypeError(f"{name} of {_name(kind)} isn't stored")
 
 
 def _order(value: Any) -> str:

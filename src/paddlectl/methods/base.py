@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
+from functools import reduce
 from typing import Any, NamedTuple
 
 from paddlectl.agents.base import Agent, Policy
+from paddlectl.agents.settings import changed, restored
 from paddlectl.logic.clauses import Program
-from paddlectl.methods.catalogue import entry_of
+from paddlectl.methods.catalogue import PLUGINS, entry_of
+from paddlectl.plugins import attribute, require_kind
 from paddlectl.tasks.base import Task
 
 
@@ -47,7 +49,7 @@ class Setup(NamedTuple):
     rules: Any = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Method:
     """What a method of the catalogue does.
 
@@ -56,17 +58,34 @@ class Method:
         settings_for: Its numbers for a task and a scenario (None for a source), with changes such as
             `{"credit": {"planned": False}}`.
         settings_from: Those that were stored; what is missing is as in the last argument, or usual.
-        rules_for: How it reuses sources on a task; None without sources.
         make: Its agent.
         policy: One that has learned nothing, to take tensors.
+        rules_for: How it reuses sources on a task; None if its settings tell all.
     """
 
     name: str
     settings_for: Callable[..., Any]
     settings_from: Callable[..., Any]
-    rules_for: Callable[[Task], Any]
     make: Callable[[Setup], Agent]
     policy: Callable[[Task, int, Any], Policy]
+    rules_for: Callable[[Task], Any] = lambda _: None
+
+    @classmethod
+    def of_settings(
+        cls,
+        name: str,
+        usual: Any,
+        make: Callable[[Setup], Agent],
+        policy: Callable[[Task, int, Any], Policy],
+    ) -> "Method":
+        """One whose usual settings fit every task: a frozen dataclass, in which there may be others."""
+        return cls(
+            name=name,
+            settings_for=lambda _task, _scenario, *changes: reduce(changed, changes, usual),
+            settings_from=lambda _task, stored, missing=None: restored(missing or usual, stored, "settings"),
+            make=make,
+            policy=policy,
+        )
 
 
 def method_of(name: str) -> Method:
@@ -74,7 +93,15 @@ def method_of(name: str) -> Method:
 
     Raises:
         UsageError: If there is none; with the nearest name.
+        PaddlectlError: If it is a plug-in's that can't be used.
     """
-    module, _, attribute = entry_of(name).where.partition(":")
-    method: Method = getattr(import_module(module), attribute)
+    where = entry_of(name).where
+    if name not in PLUGINS:
+        method: Method = attribute(where)
+        return method
+    with PLUGINS.using(name):
+        method = attribute(where)
+        require_kind(method, Method)
+        if method.name != name:
+            raise ValueError(f"its method is called {method.name!r}")
     return method

@@ -1,9 +1,17 @@
-"""The methods by name, and what can be known of them without loading torch, or even NumPy."""
+"""The methods by name, and what can be known of them without loading torch, or even NumPy.
 
-from collections.abc import Mapping, Sequence
+Those of other distributions are the entry points of the group `paddlectl.methods`: `name = module:ENTRY`, of
+an `Entry`.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-from paddlectl.errors import UsageError
+from paddlectl.errors import PaddlectlError, UsageError
+from paddlectl.plugins import Plugins, require_kind
+from paddlectl.registry.fields import METHOD
 from paddlectl.registry.names import nearest, shown
 
 if TYPE_CHECKING:
@@ -92,22 +100,60 @@ METHODS: Mapping[str, Entry] = {
     ),
 }
 
-
-ALL = tuple(METHODS)
 ALONE = tuple(name for name, entry in METHODS.items() if not entry.teaches)
-"""Those that reuse nothing: a source can be trained by them."""
+"""Those of them that reuse nothing."""
+
+MADE_AS = {"random": "hdm"}
+"""What stands as method with policies of no method -> the one that makes such policies."""
+
+PLUGINS = Plugins("method", METHODS, lambda name: re.fullmatch(METHOD, name) and name not in MADE_AS)
 
 
-def entry_of(name: str, offered: Sequence[str] = ALL) -> Entry:
+def names() -> tuple[str, ...]:
+    """The names of all methods, those of plug-ins last."""
+    return (*METHODS, *PLUGINS.names())
+
+
+def known(name: str) -> bool:
+    """Whether there is a method of that name."""
+    return name in METHODS or name in PLUGINS
+
+
+def entry_of(name: str, offered: Callable[[], Sequence[str]] = names) -> Entry:
     """What is known of the method of that name.
 
     Raises:
         UsageError: If there is none; with the nearest name of those that are offered.
+        PaddlectlError: If it is a plug-in's that can't be used.
     """
-    if name not in METHODS:
-        near = nearest(name, offered)
-        raise UsageError(f"unknown method {shown(name)}", f"{near}one of: {', '.join(offered)}")
-    return METHODS[name]
+    if name in METHODS:
+        return METHODS[name]
+    if name not in PLUGINS:
+        chosen = offered()
+        raise UsageError(
+            f"unknown method {shown(name)}", f"{nearest(name, chosen)}one of: {', '.join(chosen)}"
+        )
+    with PLUGINS.using(name) as found:
+        entry: Entry = found
+        require_kind(entry, Entry)
+        require_kind(entry.teaches, tuple)
+        if not entry.actions or not entry.actions <= _ANY:
+            raise ValueError(f"actions can't be {entry.actions!r}")
+    return entry
+
+
+def usable() -> dict[str, Entry]:
+    """All methods; without those of plug-ins that can't be used."""
+    found = {}
+    for name in names():
+        with suppress(PaddlectlError):
+            found[name] = entry_of(name)
+    return found
+
+
+def alone() -> tuple[str, ...]:
+    """Those that reuse nothing: a source can be trained by them."""
+    return tuple(name for name, entry in usable().items() if not entry.teaches)
 
 
 def teacher_of(name: str, task: "Task") -> str | None:
@@ -117,11 +163,11 @@ def teacher_of(name: str, task: "Task") -> str | None:
         UsageError: If there is no such method, or it can't choose the task's actions.
     """
     require_actions(name, task)
-    fitting = [teacher for teacher in entry_of(name).teaches if _actions(task) in METHODS[teacher].actions]
+    fitting = [teacher for teacher in entry_of(name).teaches if _actions(task) in entry_of(teacher).actions]
     return fitting[0] if fitting else None
 
 
-def require_actions(name: str, task: "Task", offered: Sequence[str] = ALL) -> None:
+def require_actions(name: str, task: "Task", offered: Callable[[], Sequence[str]] = names) -> None:
     """Refuses a task whose actions the method can't choose.
 
     Raises:
@@ -129,7 +175,7 @@ def require_actions(name: str, task: "Task", offered: Sequence[str] = ALL) -> No
     """
     known, kind = entry_of(name, offered).actions, _actions(task)
     if kind not in known:
-        others = [other for other in offered if kind in METHODS[other].actions]
+        others = [other for other, entry in usable().items() if kind in entry.actions and other in offered()]
         raise UsageError(
             f"{name} chooses {', '.join(known)} actions; those of {task.name} are {kind}",
             f"take another method: {', '.join(others)}",

@@ -84,7 +84,6 @@ FINETUNE = Method(
     name="finetune",
     settings_for=_settings,
     settings_from=settings_from,
-    rules_for=lambda _: None,
     make=make,
     policy=HybridPolicy,
 )

@@ -29,7 +29,6 @@ HDM = Method(
     name="hdm",
     settings_for=_settings,
     settings_from=settings_from,
-    rules_for=lambda _: None,
     make=make,
     policy=HybridPolicy,
 )

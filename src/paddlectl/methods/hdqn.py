@@ -272,7 +272,6 @@ HDQN = Method(
     name="hdqn",
     settings_for=_settings,
     settings_from=_settings_from,
-    rules_for=lambda _: None,
     make=make,
     policy=HDQNPolicy,
 )

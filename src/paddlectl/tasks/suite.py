@@ -1,9 +1,17 @@
-"""All tasks by name. Nothing but names is here, so looking for one imports no environment."""
+"""All tasks by name. Nothing but names is here, so looking for one imports no environment.
 
+Those of other distributions are the entry points of the group `paddlectl.tasks`: `Name = module:function`,
+of a function that is given the name and makes the task.
+"""
+
+import re
+from collections.abc import Callable, Iterator
 from difflib import get_close_matches
-from importlib import import_module
 
-from paddlectl.errors import NotFoundError
+from paddlectl.errors import NotFoundError, PaddlectlError
+from paddlectl.plugins import Plugins, attribute, require_kind
+from paddlectl.registry.fields import TASK
+from paddlectl.registry.names import is_id
 from paddlectl.tasks.base import Task
 from paddlectl.tasks.maze2d import layouts as maze2d
 from paddlectl.tasks.minigrid import layouts as minigrid
@@ -13,11 +21,17 @@ TASKS: dict[str, str] = {
     **{name: "paddlectl.tasks.minigrid.engine:make_task" for name in minigrid.SPECS},
     **{name: "paddlectl.tasks.maze2d.engine:make_task" for name in maze2d.SPECS},
 }
+PLUGINS = Plugins("task", TASKS, lambda name: re.fullmatch(TASK, name) and not is_id(name))
 
 
 def names() -> tuple[str, ...]:
-    """The names of all tasks, by domain."""
-    return tuple(TASKS)
+    """The names of all tasks: those built in by domain, then those of plug-ins."""
+    return (*TASKS, *PLUGINS.names())
+
+
+def known(name: str) -> bool:
+    """Whether there is a task of that name."""
+    return name in TASKS or name in PLUGINS
 
 
 def load(name: str) -> Task:
@@ -25,15 +39,37 @@ def load(name: str) -> Task:
 
     Raises:
         NotFoundError: If there is none; it tells the nearest names.
+        PaddlectlError: If it is a plug-in's that can't be used.
     """
-    if name not in TASKS:
+    if name in TASKS:
+        task: Task = attribute(TASKS[name])(name)
+        return task
+    if name not in PLUGINS:
         raise NotFoundError(f"no task {name}", _suggestion(name))
-    module, attribute = TASKS[name].split(":")
-    task: Task = getattr(import_module(module), attribute)(name)
+    with PLUGINS.using(name) as make:
+        task = make(name)
+        require_kind(task, Task)
+        if task.name != name:
+            raise ValueError(f"its task is called {task.name!r}")
+        if not re.fullmatch(TASK, task.domain):
+            raise ValueError(f"domain can't be {task.domain!r}")
     return task
 
 
+def usable(tell: Callable[[PaddlectlError], None] = lambda _: None) -> Iterator[Task]:
+    """All tasks.
+
+    Args:
+        tell: Told of each of a plug-in that can't be used, which is left out.
+    """
+    for name in names():
+        try:
+            yield load(name)
+        except PaddlectlError as error:
+            tell(error)
+
+
 def _suggestion(name: str) -> str:
-    by_lower = {known.lower(): known for known in TASKS}
+    by_lower = {known.lower(): known for known in names()}
     near = [by_lower[match] for match in get_close_matches(name.lower(), by_lower, n=3)]
-    return f"did you mean {' or '.join(near)}?" if near else f"tasks: {', '.join(TASKS)}"
+    return f"did you mean {' or '.join(near)}?" if near else f"tasks: {', '.join(names())}"

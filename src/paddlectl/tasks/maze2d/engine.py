@@ -3,7 +3,9 @@
 `env.PaddleMazeEnv` is the same definition on gymnasium-robotics' PointMaze; a test holds both to it.
 """
 
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +14,7 @@ from paddlectl.tasks.maze2d import symbols
 from paddlectl.tasks.maze2d.layouts import HORIZON, PLACES, RADIUS, SPECS, Points, Spec, draw_starts
 from paddlectl.tasks.maze2d.observe import FLAT_SIZE, OBSERVATION_SIZE, flat_state, observe
 from paddlectl.tasks.maze2d.physics import PointMasses
-from paddlectl.tasks.maze2d.settings import GUIDANCE, PRESETS, SETTINGS
+from paddlectl.tasks.maze2d.settings import GUIDANCE, PRESETS, SETTINGS, USUAL
 
 ERRAND_REWARD = 10.0
 """For getting a thing, and again for delivering it."""
@@ -145,9 +147,13 @@ def _touched(positions: Points) -> Bools:
 
 def make_task(name: str) -> Task:
     """The task of that name."""
-    spec = SPECS[name]
+    return task_of(SPECS[name], SETTINGS[name])
+
+
+def task_of(spec: Spec, settings: Mapping[str, Any] = USUAL) -> Task:
+    """A task of that kind, learned with these settings."""
     return Task(
-        name=name,
+        name=spec.name,
         domain="maze2d",
         summary=spec.summary,
         horizon=HORIZON,
@@ -156,7 +162,7 @@ def make_task(name: str) -> Task:
         domain_heads=symbols.HEADS,
         make=partial(Engine, spec),
         learner="td3",
-        settings=SETTINGS[name],
+        settings=settings,
         presets=PRESETS,
         guidance=GUIDANCE,
     )

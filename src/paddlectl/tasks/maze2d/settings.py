@@ -35,7 +35,7 @@ DEVIATIONS: Mapping[str, tuple[Any, Any]] = {
 _TABLE_1 = {name: values[0] for name, values in DEVIATIONS.items()}
 _LOW_LEVEL = {name: values[1] for name, values in DEVIATIONS.items()}
 
-_USUAL: Mapping[str, Any] = {
+USUAL: Mapping[str, Any] = {
     "lanes": 32,
     "block": 8,
     "repeat": 20,
@@ -50,11 +50,12 @@ _USUAL: Mapping[str, Any] = {
     "clauses": {"step_discount": 0.999},
     "low_level": _LOW_LEVEL,
 }
+"""What differs from `HybridSettings` in every maze."""
 
 SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "CoffeeMaze": {**_USUAL, "frames": 4_000_000},
-    "MailMaze": {**_USUAL, "frames": 2_000_000},
-    "CoffeeMailMaze": {**_USUAL, "frames": 4_000_000},
+    "CoffeeMaze": {**USUAL, "frames": 4_000_000},
+    "MailMaze": {**USUAL, "frames": 2_000_000},
+    "CoffeeMailMaze": {**USUAL, "frames": 4_000_000},
 }
 """What differs from `HybridSettings`, by task: whatever made it learn sooner.
 

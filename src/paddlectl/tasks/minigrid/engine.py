@@ -246,9 +246,13 @@ class Engine:
 
 def make_task(name: str, milestone_reward: float = 0.1) -> Task:
     """The task of that name."""
-    spec = SPECS[name]
+    return task_of(SPECS[name], milestone_reward)
+
+
+def task_of(spec: Spec, milestone_reward: float = 0.1) -> Task:
+    """A task of that kind."""
     return Task(
-        name=name,
+        name=spec.name,
         domain="minigrid",
         summary=spec.summary,
         horizon=HORIZON,

@@ -1,0 +1,127 @@
+"""What other distributions add: entry points, looked for by name and imported only when one is used.
+
+A name that is built in wins. What a plug-in does wrong while it is loaded is told as its fault, and stops
+only who uses it.
+"""
+
+import sys
+import traceback
+from collections.abc import Callable, Container, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from functools import cache
+from importlib import import_module
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from paddlectl.errors import PaddlectlError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+packages = {"paddlectl"}
+"""The top-level packages whose tasks and methods are in use in this process."""
+
+
+class Plugins:
+    """Entry points of one group.
+
+    Args:
+        kind: What each of them is: `task` or `method`.
+        built_in: Names that are none of theirs.
+        fits: Whether another name can be stored.
+    """
+
+    def __init__(self, kind: str, built_in: Container[str], fits: Callable[[str], object]) -> None:
+        self._kind = kind
+        self._built_in = built_in
+        self._fits = fits
+
+    def names(self) -> tuple[str, ...]:
+        """All names that can be used, sorted; nothing is imported."""
+        names = {point.name for point in _points(self._kind)}
+        return tuple(sorted(name for name in names if name not in self._built_in and self._fits(name)))
+
+    def __contains__(self, name: str) -> bool:
+        return name not in self._built_in and any(point.name == name for point in _points(self._kind))
+
+    @contextmanager
+    def using(self, name: str) -> Iterator[Any]:
+        """Gives what is registered by that name; what fails within is told as its fault.
+
+        What it prints goes to stderr.
+
+        Raises:
+            PaddlectlError: If it can't be imported, or something fails within.
+        """
+        points = [point for point in _points(self._kind) if point.name == name]
+        try:
+            with redirect_stdout(sys.stderr):
+                self._require_fit(name, len(points))
+                yield attribute(points[0].value)
+        except (Exception, SystemExit) as error:
+            owners = " and ".join(sorted(f"{point.dist.name}" for point in points if point.dist))
+            raise PaddlectlError(
+                f"{self._kind} {name} of {owners} ({points[0].value}) can't be used: {_told(error)}",
+                f"mend or uninstall {owners}",
+            ) from error
+
+    def _require_fit(self, name: str, count: int) -> None:
+        if not self._fits(name):
+            raise ValueError(f"no {self._kind} can have that name")
+        if count > 1:
+            raise ValueError("they have the same name")
+
+
+def attribute(where: str) -> Any:
+    """What is at a place such as `package.module:NAME`, imported."""
+    module, _, name = where.partition(":")
+    found = attrgetter(name)(import_module(module))
+    packages.add(module.partition(".")[0])
+    return found
+
+
+def require_kind(found: Any, kind: type) -> None:
+    """Refuses what isn't of that kind.
+
+    Raises:
+        TypeError: If it isn't.
+    """
+    if not isinstance(found, kind):
+        raise TypeError(f"it gives {type(found).__name__} instead of {kind.__module__}.{kind.__name__}")
+
+
+def versions() -> dict[str, str]:
+    """Of all distributions that add something, by their names."""
+    points = [*_points("task"), *_points("method")]
+    return {f"{point.dist.name}": f"{point.dist.version}" for point in points if point.dist}
+
+
+def _points(kind: str) -> "list[EntryPoint]":
+    return _points_on(f"paddlectl.{kind}s", tuple(sys.path))
+
+
+@cache
+def _points_on(group: str, path: tuple[str, ...]) -> "list[EntryPoint]":
+    """Those of a group; each distribution's once, where it is found first on the path."""
+    from importlib.metadata import distributions  # takes long to load, and is seldom needed
+
+    found: dict[tuple[str, str], EntryPoint] = {}
+    for distribution in distributions(path=list(path)):
+        with suppress(Exception):  # a damaged one has nothing to do with the others
+            if group in (distribution.read_text("entry_points.txt") or ""):
+                for point in distribution.entry_points.select(group=group):
+                    found.setdefault((distribution.name, point.name), point)
+    return list(found.values())
+
+
+def _told(error: BaseException) -> str:
+    """An error in a line, with the place outside the package where it was raised, if it was."""
+    ours = Path(__file__).parent
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith("<") and ours not in Path(frame.filename).parents
+    ]
+    place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {error}"[:200] + place
