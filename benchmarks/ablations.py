@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from learning import HERE, SEEDS, Result, collected, paired_sources, run, scenario_of
+from learning import HERE, SEEDS, Result, collected, run, scenario_of, sources_of
 from readme_table import Column, figure, grouped, seeds, table
 
 from paddlectl.experiments.jobs import TransferJob
@@ -111,7 +111,7 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Transfe
     for seed in options.seeds:
         for name in options.scenarios:
             plain = scenario_of(name)
-            sources = paired_sources(registry, plain, seed)
+            sources = sources_of(registry, plain, seed)
             for rule in options.rules:
                 off = RULES[rule]
                 told = {"name": f"{plain.name}{ABLATION}{rule}", "guidance": off.guidance}

@@ -15,7 +15,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from learning import BARS, BUDGETS, HERE, SEEDS, Ended, _reached, commit, machine, paired_sources, scenario_of
+from learning import BARS, BUDGETS, HERE, SEEDS, Ended, _reached, commit, machine, scenario_of, sources_of
 from readme_table import inheritance_table
 
 from paddlectl.registry.store import Registry
@@ -44,7 +44,7 @@ def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
     scenario, seed = scenario_of(job[0]), job[1]
     task, opened = load(scenario.target), Registry.open(registry)
     target = HybridPolicy(task, seed, settings_for(task))
-    sources = [_guide(_source(opened, policy)) for policy in paired_sources(opened, scenario, seed)]
+    sources = [_guide(_source(opened, policy)) for policy in sources_of(opened, scenario, seed)]
     mapping, _ = _mapping(target, sources, scenario.similarity)
     _inherit(target, sources, mapping, GuidanceSettings().inheritance)
     layouts, choices = np.random.SeedSequence(seed).spawn(2)

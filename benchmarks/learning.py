@@ -31,12 +31,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from readme_table import tables
 
-from paddlectl.errors import NotFoundError, PaddlectlError
+from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.curves import in_order
 from paddlectl.experiments.jobs import Event, Job, Progress, TrainJob, TransferJob
+from paddlectl.experiments.sources import resolve
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
-from paddlectl.scenario import Guidance, Scenario, load_scenario
+from paddlectl.scenario import Guidance, Scenario, TaskSources, load_scenario
 
 HERE = Path(__file__).parent
 SOURCES = ("BlockedDoor", "GapBall", "DoorBall", "OpenGoal", "BoxDoor")
@@ -85,7 +86,7 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
         frames = options.frames or BUDGETS.get(scenario.target, scenario.frames)
         for seed in options.seeds:
             if "paddle" in options.parts:
-                yield transfer(scenario, paired_sources(registry, scenario, seed), "paddle", seed, frames)
+                yield transfer(scenario, sources_of(registry, scenario, seed), "paddle", seed, frames)
             if "hdm" in options.parts and (scenario.target, seed) not in scratch:
                 scratch.add((scenario.target, seed))
                 yield transfer(scenario, (), "hdm", seed, frames)
@@ -95,26 +96,24 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
         for plain in map(scenario_of, PAPER_SCENARIOS):
             scenario = plain.model_copy(update={"name": plain.name + name, "guidance": read})
             for seed in options.seeds:
-                sources = paired_sources(registry, scenario, seed)
+                sources = sources_of(registry, scenario, seed)
                 yield transfer(scenario, sources, "paddle", seed, options.frames or PAPER_FRAMES)
 
 
 def scenario_of(name: str) -> Scenario:
-    return load_scenario(HERE.parent / "scenarios" / f"{name}.yaml")
+    """The scenario of a file, but with paired seeds."""
+    plain = load_scenario(HERE.parent / "scenarios" / f"{name}.yaml")
+    sources = TaskSources(tasks=plain.source_names, seed="paired")
+    return plain.model_copy(update={"sources": sources})
 
 
-def paired_sources(registry: Registry, scenario: Scenario, seed: int) -> tuple[str, ...]:
-    """The latest policy of each of its sources that was learned with this seed.
+def sources_of(registry: Registry, scenario: Scenario, seed: int) -> tuple[str, ...]:
+    """Ids of the policies that a transfer by `paddle` with this seed reuses.
 
     Raises:
-        NotFoundError: If there is none.
+        NotFoundError: If one is missing.
     """
-    policies = [p for p in registry.policies() if p.seed == seed and p.method == "hdm"]
-    latest = {p.task: p.id for p in sorted(policies, key=lambda policy: int(policy.id.split("-")[1]))}
-    for task in scenario.sources:
-        if task not in latest:
-            raise NotFoundError(f"no policy of {task} with seed {seed}; run the part sources with that seed")
-    return tuple(latest[task] for task in scenario.sources)
+    return resolve(registry, scenario, "paddle", [seed]).required()[seed]
 
 
 def _with_random(registry: Registry, seed: int, frames: int | None, changes: Result) -> TransferJob:
@@ -122,14 +121,12 @@ def _with_random(registry: Registry, seed: int, frames: int | None, changes: Res
     from paddlectl.experiments.runner import random_source
 
     plain = scenario_of(WITH_RANDOM)
-    sources = paired_sources(registry, plain, seed)
-    others = [task for task in SOURCES if task not in plain.sources]
+    sources = sources_of(registry, plain, seed)
+    others = [task for task in SOURCES if task not in plain.source_names]
     seeds = {task: 1000 + seed * len(SOURCES) + SOURCES.index(task) for task in others}
-    policies = tuple(random_source(task, seeds[task], registry).id for task in others)
-    scenario = plain.model_copy(update={"name": plain.name + RANDOM, "sources": (*plain.sources, *others)})
-    return TransferJob(
-        scenario, sources + policies, "paddle", seed, frames or BUDGETS[plain.target], changes=changes
-    )
+    sources += tuple(random_source(task, seeds[task], registry).id for task in others)
+    scenario = plain.model_copy(update={"name": plain.name + RANDOM, "sources": sources})
+    return TransferJob(scenario, sources, "paddle", seed, frames or BUDGETS[plain.target], changes=changes)
 
 
 def run(jobs: Sequence[Job], registry: str, workers: int) -> None:

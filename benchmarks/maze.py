@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from learning import SEEDS, commit, episodes_of, machine, paired_sources, run, scenario_of
+from learning import SEEDS, commit, episodes_of, machine, run, scenario_of, sources_of
 
 from paddlectl.experiments.curves import in_order
 from paddlectl.experiments.jobs import Job, TrainJob, TransferJob
@@ -90,7 +90,7 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[tuple[s
             for task in options.tasks:
                 yield f"source {task} seed {seed}", TrainJob(task, seed, options.frames)
         if "paddle" in options.parts:
-            job = transfer(sources=paired_sources(registry, scenario, seed), method="paddle")
+            job = transfer(sources=sources_of(registry, scenario, seed), method="paddle")
             yield f"paddle {target} seed {seed}", job
         if "hdm" in options.parts:
             yield f"hdm {target} seed {seed}", transfer(sources=(), method="hdm")
@@ -101,7 +101,7 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[tuple[s
             yield f"without {name} {options.task} seed {seed}", source
         for name in GUIDED if "guided" in options.parts else ():
             job = transfer(
-                sources=paired_sources(registry, scenario, seed), method="paddle", changes=GUIDED[name]
+                sources=sources_of(registry, scenario, seed), method="paddle", changes=GUIDED[name]
             )
             yield f"without {name} {target} seed {seed}", job
 

@@ -2,9 +2,9 @@
 
 All contenders have the same networks, optimiser and epochs. `speed` takes turns, in one process, between our
 training, SB3 as its users run it (eight Gymnasium environments, the flattened image, minibatches of 256), and
-SB3 on our batched engine with our minibatches. `solve` trains SB3 on the engine, which shows it the whole
-symbolic state, until 97 of 100 episodes that started one after another were solved; our figures beside it are
-those of benchmarks/learning.json. Needs `pip install -e '.[bench]'`:
+SB3 on our batched engine with our minibatches. `solve` trains SB3 on the engine, on the very state that the
+method `ppo` sees, until 97 of 100 episodes that started one after another were solved; beside it stand the
+hybrid model's figures of benchmarks/learning.json. Needs `pip install -e '.[bench]'`:
 
     OMP_NUM_THREADS=1 python benchmarks/sb3_reference.py --parts speed
     OMP_NUM_THREADS=1 python benchmarks/sb3_reference.py --parts solve --seeds 10 11 12 --cap 3600
@@ -28,7 +28,6 @@ import numpy as np
 import torch
 from learning import Ended, _reached, commit, machine
 from minigrid.wrappers import ImgObsWrapper
-from numpy.lib.stride_tricks import sliding_window_view
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
@@ -38,11 +37,9 @@ from training_speed import measure
 from paddlectl.experiments.curves import in_order
 from paddlectl.experiments.curves import rates as curve_rates
 from paddlectl.experiments.log import versions
-from paddlectl.hybrid.policy import HybridSettings, domain_heads
+from paddlectl.hybrid.policy import HybridSettings
 from paddlectl.tasks import suite
 from paddlectl.tasks.base import Bools, Floats, Ints
-from paddlectl.tasks.minigrid.grid import CELLS, DELTA, HEIGHT, MIDDLE, WALKABLE, WIDTH, Code, Facing, Held
-from paddlectl.tasks.minigrid.observe import REACH, TARGET, _relative_table
 
 HERE = Path(__file__).parent
 TASK = "BoxDoor"
@@ -61,49 +58,20 @@ class Lanes(VecEnv):
     """The lanes of our engine as SB3 wants them: the flat task, its extrinsic reward, resets by itself."""
 
     def __init__(self, lanes: int, seed: int) -> None:
-        task = suite.load(TASK)
-        self._engine: Any = task.make(lanes, seed)
-        self._things = TARGET[domain_heads(task)]
-        self._relative = _relative_table()
+        self._engine: Any = suite.load(TASK).make(lanes, seed)
         self._order = np.arange(lanes)
         self.frames = 0
         self.episodes: list[Ended] = []
         self._started = np.zeros(lanes, np.intp)
-        size = self._observation().shape[1]
         super().__init__(
             lanes,
-            gymnasium.spaces.Box(-1, 1, (size,), np.float32),
+            gymnasium.spaces.Box(-1, 1, (self._engine.flat_size,), np.float32),
             gymnasium.spaces.Discrete(self._engine.actions.size),
         )
 
-    def _observation(self) -> Floats:
-        """The whole state, as the world has it. [B, D]
-
-        The 7 x 7 cells around the agent; the relative numbers of each thing that a head acts on (the passage
-        is one), and whether it is in front; whether the agent is in the near room and the cell in front is
-        empty; facing and what is held, one-hot; the valuation.
-        """
-        state, lanes = self._engine.state, np.arange(len(self._order))
-        y, x = np.divmod(state.agent, WIDTH)
-        blocked = ~WALKABLE[state.grid].reshape(-1, HEIGHT, WIDTH)
-        around = np.pad(blocked, ((0, 0), (REACH, REACH), (REACH, REACH)), constant_values=True)
-        window = sliding_window_view(around, (2 * REACH + 1, 2 * REACH + 1), (1, 2))[lanes, y, x]
-        where = state.where[:, self._things]
-        front = state.agent + DELTA[state.facing]
-        columns = [
-            window.reshape(len(lanes), -1),
-            self._relative[state.agent[:, None] * (CELLS + 1) + where].reshape(len(lanes), -1),
-            where == front[:, None],
-            np.stack([x < MIDDLE, state.grid[lanes, front] == Code.EMPTY], 1),
-            np.eye(len(Facing))[state.facing],
-            np.eye(len(Held))[state.held],
-            self._engine.valuation(),
-        ]
-        return np.hstack(columns).astype(np.float32)
-
     def reset(self) -> Floats:
         self._engine.reset()
-        return self._observation()
+        return self._engine.flat_state()
 
     def step_async(self, actions: Ints) -> None:
         self._actions = actions
@@ -112,7 +80,7 @@ class Lanes(VecEnv):
         step = self._engine.step(self._actions)
         self.frames += self.num_envs
         done = step.terminated | step.truncated
-        observation = self._observation()
+        observation = self._engine.flat_state()
         infos: list[Result] = [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(done)
         if len(ended):
@@ -123,7 +91,7 @@ class Lanes(VecEnv):
                 }
             self._record(ended, step.terminated)
             self._engine.reset(done)
-            observation = self._observation()
+            observation = self._engine.flat_state()
         return observation, step.reward, done, infos
 
     def _record(self, ended: Ints, solved: Bools) -> None:

@@ -34,7 +34,7 @@ from paddlectl.registry import bundles
 from paddlectl.registry.schema import REVISIONS
 from paddlectl.registry.store import Registry
 from released import BUNDLES, RELEASED, rebuilt
-from trials.runs import KINDS, add_sources, begin, digest, ended, machine, small
+from trials.runs import SEEDED, add_sources, begin, digest, ended, machine, small
 
 RECORDED = Path(__file__).parent / "experiments" / "seeded_runs.json"
 UNITS = 32
@@ -97,7 +97,7 @@ def record_runs(place: Path) -> None:
     with small():
         registry = Registry.open(place / "registry")
         add_sources(registry)
-        for kind in KINDS:
+        for kind in SEEDED:
             recorded[kind] = digest(ended(registry, begin(kind, registry, Pace())["run"]))
     RECORDED.write_text(json.dumps(recorded, indent=2) + "\n")
 

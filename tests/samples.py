@@ -65,32 +65,51 @@ class Answer(NamedTuple):
 Command = Callable[..., Answer]
 
 
-def add_source(registry: Registry, task: str, text: str, domain: str = "minigrid") -> None:
+def add_source(
+    registry: Registry,
+    task: str,
+    text: str | None,
+    domain: str = "minigrid",
+    method: str = "hdm",
+    seed: int = 0,
+    success_rate: float = 0.97,
+) -> str:
+    """The id of its policy."""
     run = registry.add_run(
-        kind="train", method="hdm", task=task, scenario=None, sources=(), seed=0, settings={}, versions={}
+        kind="train", method=method, task=task, scenario=None, sources=(), seed=seed, settings={}, versions={}
     )
-    add_policy(registry, run.id, task, text, domain)
+    policy = add_policy(registry, run.id, task, text, domain, method, seed, success_rate)
     registry.finish_run(
         run.id, status="finished", frames=1000, episodes=10, seconds=2.0, results={"success_rate": 0.97}
     )
+    return policy
 
 
-def add_policy(registry: Registry, run: str, task: str, text: str, domain: str = "minigrid") -> None:
-    registry.add_policy(
+def add_policy(
+    registry: Registry,
+    run: str,
+    task: str,
+    text: str | None,
+    domain: str = "minigrid",
+    method: str = "hdm",
+    seed: int = 0,
+    success_rate: float = 0.97,
+) -> str:
+    return registry.add_policy(
         run=run,
         task=task,
         domain=domain,
-        method="hdm",
-        seed=0,
+        method=method,
+        seed=seed,
         frames=1000,
         program=text,
         checkpoint=safetensors.numpy.save({"weights": np.frombuffer(task.encode(), np.uint8)}),
-        success_rate=0.97,
+        success_rate=success_rate,
         mean_score=0.93,
         mean_length=30.0,
         crispness=0.96,
         metadata={},
-    )
+    ).id
 
 
 def add_transfer(registry: Registry, scenario: str = "A") -> None:

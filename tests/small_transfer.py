@@ -4,12 +4,13 @@ python small_transfer.py REGISTRY MODE SEED POLICY... prints the SHA-256 of the 
 """
 
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 from paddlectl.experiments import policies
 from paddlectl.experiments.jobs import TransferJob
 from paddlectl.experiments.runner import run_transfer
-from paddlectl.methods import paddle
+from paddlectl.methods import finetune, paddle
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Guidance, Scenario
 
@@ -18,12 +19,17 @@ TARGET = "BlockedBoxUnlockPickup"
 SMALL = {"lanes": 8, "block": 32, "low_level": {"epochs": 1}}
 """Eight lanes, so that a few thousand frames hold a few dozen episodes."""
 
-SHORT = ((paddle, "EARLY", 10), (policies, "EVALUATION_EPISODES", 8))
+SHORT = ((paddle, "EARLY", 10), (finetune, "TRIALS", 2), (policies, "EVALUATION_EPISODES", 8))
 """Module, name and value: what is shorter, too."""
 
 
 def job(
-    reused: tuple[str, ...], mode: str, method: str = "paddle", seed: int = 0, frames: int = FRAMES
+    reused: tuple[str, ...],
+    mode: str,
+    method: str = "paddle",
+    seed: int = 0,
+    frames: int = FRAMES,
+    changes: Mapping[str, Any] = SMALL,
 ) -> TransferJob:
     scenario = Scenario(
         name="A",
@@ -31,7 +37,7 @@ def job(
         sources=("BlockedDoor", "GapBall"),
         guidance=Guidance.model_validate({"mode": mode}),
     )
-    return TransferJob(scenario, reused, method, seed, frames, changes=SMALL)
+    return TransferJob(scenario, reused, method, seed, frames, changes=changes)
 
 
 def main(location: str, mode: str, seed: str, *reused: str) -> None:

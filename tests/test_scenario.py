@@ -1,15 +1,19 @@
 """Scenario files: what is read, and where and how every mistake is told."""
 
+import json
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from paddlectl import whole
 from paddlectl.errors import InvalidFileError, NotFoundError
-from paddlectl.scenario import Guidance, Scenario, Similarity, load_scenario
-from samples import ROOT
+from paddlectl.registry.fields import SEEDS
+from paddlectl.scenario import Guidance, Scenario, Similarity, TaskSources, load_scenario
+from samples import ROOT, TARGET
 from samples import SCENARIO as GOOD
 
 
@@ -68,7 +72,7 @@ MISTAKES = [
     ("GapBall", "gapball", "3:24: unknown task 'gapball'; did you mean 'GapBall'?"),
     ("GapBall", "BlockedDoor", "3:24: 'BlockedDoor' stands twice in sources"),
     ("paddle", "padle", "4:9: unknown method 'padle'; did you mean 'paddle'?"),
-    ("paddle", "dqn", "4:9: unknown method 'dqn'; there are paddle, hdm"),
+    ("paddle", "dqn", "4:9: unknown method 'dqn'; did you mean 'hdqn'?"),
     ("[0, 1, 2]", "[0, 1, 1]", "5:15: 1 stands twice in seeds"),
     ("[0, 1, 2]", "[0, -1]", "5:12: seeds.1: input should be greater than or equal to 0"),
     ("[0, 1, 2]", "[]", "5:8: seeds: must not be empty"),
@@ -146,6 +150,86 @@ def test_a_mistake_is_told_with_its_place(tmp_path: Path, old: str, new: str, to
     assert refusal(tmp_path, GOOD.replace(old, new, 1)).startswith(told)
 
 
+SOURCES = [
+    # (what sources: holds, what is told from the position on)
+    ("[policy-7, GapBal]", "3:21: unknown task 'GapBal'; did you mean 'GapBall'?"),
+    ("[Policy-7]", "3:11: unknown policy 'Policy-7'; did you mean 'policy-7'?"),
+    ("[GapBall, policy7]", "3:20: unknown policy 'policy7'; did you mean 'policy-7'?"),
+    ("[policy_007]", "3:11: unknown policy 'policy_007'; did you mean 'policy-7'?"),
+    ("['7']", "3:11: unknown policy '7'; did you mean 'policy-7'?"),
+    ("[7]", "3:11: sources.0: must be a text; write policy-7"),
+    ("[0]", "3:11: sources.0: must be a text"),
+    ("[policy-0]", "3:11: unknown policy 'policy-0'; ids look like policy-7"),
+    ("[policy-1234567890123456789]", "3:11: unknown policy 'policy-1234567890123456789'; ids look like"),
+    ("[run-7]", "3:11: unknown policy 'run-7'; ids look like policy-7"),
+    ("[policy-7, GapBall, policy-7]", "3:30: 'policy-7' stands twice in sources"),
+    ("[MailMaze, policy-7]", f"3:11: MailMaze is a task of maze2d, the target {TARGET} of minigrid: its"),
+    ("policy-7", "3:10: sources: must be a list; write [policy-7]"),
+    ("paired", "3:10: sources: must be a list; write {tasks: [BlockedDoor, GapBall], seed: paired}"),
+    ("[GapBall, {seed: paired}]", "3:20: sources.1: must be a text"),
+    ("{}", "3:10: missing key 'tasks'"),
+    ("{seed: paired}", "3:10: missing key 'tasks'"),
+    ("{task: [GapBall]}", "3:11: unknown key 'task'; did you mean 'tasks'?"),
+    ("{mapping: 1, tasks: [GapBall]}", "3:11: unknown key 'mapping'; there are tasks, seed"),
+    ("{tasks: [GapBall], seeds: paired}", "3:29: unknown key 'seeds'; did you mean 'seed'?"),
+    ("{tasks: [GapBall], seed: paired, seed: best}", "3:43: key 'seed' stands twice"),
+    ("{tasks: []}", "3:18: sources.tasks: must not be empty"),
+    ("{tasks: GapBall}", "3:18: sources.tasks: must be a list; write [GapBall]"),
+    ("{tasks: {GapBall: 1}}", "3:18: sources.tasks: must be a list"),
+    ("{tasks: [GapBall, 7]}", "3:28: sources.tasks.1: must be a text"),
+    ("{tasks: [GapBall, gapbal]}", "3:28: unknown task 'gapbal'; did you mean 'GapBall'?"),
+    ("{tasks: [GapBall, GapBall]}", "3:28: 'GapBall' stands twice in sources.tasks"),
+    ("{tasks: [GapBall, MailMaze]}", "3:28: MailMaze is a task of maze2d"),
+    ("{tasks: [policy-7], seed: paired}", "3:19: policy-7 is no task; to name policies write sources: [pol"),
+    ("{tasks: [GapBall], seed: 3}", "3:35: sources.seed: input should be 'best' or 'paired'"),
+    ("{tasks: [GapBall], seed: Paired}", "3:35: sources.seed: input should be 'best' or 'paired'"),
+    ("{tasks: [GapBall], seed: [paired]}", "3:35: sources.seed: input should be 'best' or 'paired'"),
+    ("{tasks: [GapBall], seed: null}", "3:35: sources.seed: input should be 'best' or 'paired'"),
+    ("\n  tasks:\n    - GapBall\n    - GapBal\n  seed: paired", "6:7: unknown task 'GapBal'"),
+    ("\n  tasks:\n    - GapBall\n  seed: pared", "6:9: sources.seed: input should be"),
+]
+
+
+@pytest.mark.parametrize("sources, told", SOURCES, ids=[told[:60] for _, told in SOURCES])
+def test_a_mistake_in_the_sources_is_told_with_its_place(tmp_path: Path, sources: str, told: str) -> None:
+    assert refusal(tmp_path, GOOD.replace("[BlockedDoor, GapBall]", sources)).startswith(told)
+
+
+@pytest.mark.parametrize(
+    "text, names, paired, stored",
+    [
+        ("[policy-7, GapBall]", ("policy-7", "GapBall"), False, ["policy-7", "GapBall"]),
+        ("{tasks: [GapBall]}", ("GapBall",), False, {"tasks": ["GapBall"], "seed": "best"}),
+        ("{seed: best, tasks: [GapBall]}", ("GapBall",), False, {"tasks": ["GapBall"], "seed": "best"}),
+        (
+            "{tasks: [BoxDoor, GapBall], seed: paired}",
+            ("BoxDoor", "GapBall"),
+            True,
+            {"tasks": ["BoxDoor", "GapBall"], "seed": "paired"},
+        ),
+    ],
+)
+def test_sources_are_tasks_and_policies_or_tasks_and_their_seed(
+    tmp_path: Path, text: str, names: tuple[str, ...], paired: bool, stored: Any
+) -> None:
+    found = load_scenario(write(tmp_path, GOOD.replace("[BlockedDoor, GapBall]", text)))
+    assert (found.source_names, found.paired) == (names, paired)
+    kept = found.model_dump(mode="json")
+    assert kept["sources"] == stored
+    assert Scenario.model_validate_json(json.dumps(kept)) == found
+
+
+SOURCE = st.sampled_from(["BlockedDoor", "GapBall", "BoxDoor", "policy-1", "policy-12"])
+
+
+@given(st.lists(SOURCE, min_size=1, unique=True), st.sampled_from(["best", "paired"]), st.booleans())
+def test_what_is_kept_of_a_scenario_gives_it_again(listed: list[str], seed: Any, mapping: bool) -> None:
+    sources = TaskSources(tasks=tuple(listed), seed=seed) if mapping else tuple(listed)
+    scenario = Scenario(name="A", target="DoorBall", sources=sources)
+    assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
+    assert scenario.source_names == tuple(listed)
+
+
 @pytest.mark.parametrize("text", ["400000", "4e5", "4E+5", "400000.0", "400000.", "+400000", "40000000e-2"])
 def test_a_whole_number_in_any_decimal_form(tmp_path: Path, text: str) -> None:
     found = load_scenario(write(tmp_path, GOOD.replace("400000", text)))
@@ -166,6 +250,20 @@ def test_a_whole_number_in_any_decimal_form(tmp_path: Path, text: str) -> None:
 )
 def test_seeds_as_on_the_command_line(tmp_path: Path, text: str, seeds: tuple[int, ...]) -> None:
     assert load_scenario(write(tmp_path, GOOD.replace("[0, 1, 2]", text))).seeds == seeds
+
+
+@given(st.sets(st.integers(0, SEEDS - 1), min_size=1, max_size=20))
+def test_seeds_are_told_as_they_are_typed(chosen: set[int]) -> None:
+    assert list(whole.seeds(whole.ranges(chosen))) == sorted(chosen)
+
+
+def test_seeds_in_a_row_are_told_as_a_range() -> None:
+    assert [whole.ranges(its) for its in ([3], [2, 0, 1], [7, 0, 1], range(1000))] == [
+        "3",
+        "0-2",
+        "0-1,7",
+        "0-999",
+    ]
 
 
 def test_of_two_mistakes_the_first_in_the_file_is_told(tmp_path: Path) -> None:
@@ -237,7 +335,8 @@ def test_links_that_lead_to_no_file(tmp_path: Path) -> None:
 def test_a_mutated_file_is_read_or_refused(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
-    text = bytearray(GOOD.encode())
+    sources = data.draw(st.sampled_from(["[BlockedDoor, policy-7]", "{tasks: [GapBall], seed: paired}"]))
+    text = bytearray(GOOD.replace("[BlockedDoor, GapBall]", sources).encode())
     for _ in range(data.draw(st.integers(1, 4))):
         place = data.draw(st.integers(0, len(text) - 1))
         text[place : place + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))

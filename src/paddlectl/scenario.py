@@ -15,12 +15,22 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    model_validator,
+)
 
 from paddlectl import whole
 from paddlectl.errors import InvalidFileError, NotFoundError, UsageError
 from paddlectl.methods import catalogue
 from paddlectl.registry import fields
+from paddlectl.registry.names import number_of
 from paddlectl.tasks import suite
 from paddlectl.tasks.suite import load
 from paddlectl.transfer.guidance import PaperSettings
@@ -32,6 +42,7 @@ MAX_VALUES = 10_000
 _KEY = -1  # stands in a path for a key while it is read
 _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)")
 _FLOAT = re.compile(r"[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?")
+_LIKE_ID = re.compile(r"(policy|run)?[\W_]*0*([0-9]*)", re.IGNORECASE)
 _WORDS = {"": None, "~": None, "null": None, "true": True, "false": False}
 
 
@@ -55,6 +66,28 @@ Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 Seed = Annotated[int, Field(ge=0, lt=fields.SEEDS)]
 Name = Annotated[
     str, Field(min_length=1, max_length=fields.LONGEST_SCENARIO, pattern=f"^({fields.SCENARIO})$")
+]
+Names = Annotated[tuple[str, ...], Field(min_length=1, max_length=fields.MOST_SOURCES)]
+
+
+class TaskSources(_Closed):
+    """Tasks whose policies may be reused, and which of each.
+
+    Attributes:
+        tasks: Their names.
+        seed: The `best` policy, or that of the transfer's own seed: `paired`, so that seeds are independent.
+    """
+
+    tasks: Names
+    seed: Literal["best", "paired"] = "best"
+
+
+def _form(sources: Any) -> str:
+    return "mapping" if isinstance(sources, dict | TaskSources) else "list"
+
+
+Sources = Annotated[
+    Annotated[Names, Tag("list")] | Annotated[TaskSources, Tag("mapping")], Discriminator(_form)
 ]
 
 
@@ -106,13 +139,13 @@ class Scenario(_Closed):
 
     Attributes:
         target: The task to learn.
-        sources: Tasks whose best policies may be reused.
+        sources: Tasks whose best policies may be reused, and ids of policies; or `TaskSources`.
         frames: Environment steps of each run.
     """
 
     name: Name
     target: str
-    sources: Annotated[tuple[str, ...], Field(min_length=1, max_length=fields.MOST_SOURCES)]
+    sources: Sources
     method: str = "paddle"
     seeds: Annotated[
         tuple[Seed, ...], Field(min_length=1, max_length=fields.MOST_SEEDS), BeforeValidator(_seeds)
@@ -120,6 +153,16 @@ class Scenario(_Closed):
     frames: Annotated[int, Field(gt=0, le=fields.MOST_FRAMES)] = 400_000
     similarity: Similarity = Similarity()
     guidance: Guidance = Guidance()
+
+    @property
+    def source_names(self) -> tuple[str, ...]:
+        """The tasks and policies that `sources` names, in its order."""
+        return self.sources.tasks if isinstance(self.sources, TaskSources) else self.sources
+
+    @property
+    def paired(self) -> bool:
+        """Whether each transfer reuses the policies of its own seed."""
+        return isinstance(self.sources, TaskSources) and self.sources.seed == "paired"
 
 
 KeyPath = tuple[str | int, ...]
@@ -210,32 +253,53 @@ def _misuses(scenario: Scenario) -> Iterator[Problem]:
     """What a schema can't know: names of tasks and methods, and sources that can't serve the target."""
     if not catalogue.known(scenario.method):
         yield Problem(("method",), unknown("method", scenario.method, catalogue.names()))
-    for path, task in [(("target",), scenario.target), *_places("sources", scenario.sources)]:
-        if not suite.known(task):
-            yield Problem(path, unknown("task", task, suite.names()))
-    for key, values in (("sources", scenario.sources), ("seeds", scenario.seeds)):
-        for index, value in enumerate(values):
-            if value in values[:index]:
-                yield Problem((key, index), f"{value!r} stands twice in {key}")
-    yield from _foreign_sources(scenario)
-
-
-def _places(key: str, values: tuple[Any, ...]) -> Iterator[tuple[KeyPath, Any]]:
-    for index, value in enumerate(values):
-        yield (key, index), value
-
-
-def _foreign_sources(scenario: Scenario) -> Iterator[Problem]:
     if not suite.known(scenario.target):
-        return
-    domain = load(scenario.target).domain
-    for path, source in _places("sources", scenario.sources):
-        if suite.known(source) and load(source).domain != domain:
-            message = f"{source} is a task of {load(source).domain}, the target {scenario.target} of {domain}"
-            yield Problem(path, f"{message}: its policy can't act there")
+        yield Problem(("target",), unknown("task", scenario.target, suite.names()))
+    key: KeyPath = ("sources", "tasks") if isinstance(scenario.sources, TaskSources) else ("sources",)
+    for path, name in _places(key, scenario.source_names):
+        if message := _misnamed(name, key, scenario.target):
+            yield Problem(path, message)
+    for where, values in ((key, scenario.source_names), (("seeds",), scenario.seeds)):
+        for path, value in _places(where, values):
+            if value in values[: int(path[-1])]:
+                yield Problem(path, f"{value!r} stands twice in {'.'.join(map(str, where))}")
 
 
-_SECTIONS: dict[KeyPath, type[_Closed]] = {(): Scenario, ("similarity",): Similarity, ("guidance",): Guidance}
+def _places(key: KeyPath, values: tuple[Any, ...]) -> Iterator[tuple[KeyPath, Any]]:
+    for index, value in enumerate(values):
+        yield (*key, index), value
+
+
+def _misnamed(name: str, key: KeyPath, target: str) -> str:
+    """What is wrong with the name of a source, as far as a file can tell; empty if nothing is."""
+    if number_of(name, "policy") is not None:
+        return f"{name} is no task; to name policies write sources: [{name}]" if key[1:] else ""
+    if not suite.known(name):
+        return _unknown_policy(name) or unknown("task", name, suite.names())
+    if not suite.known(target) or load(name).domain == load(target).domain:
+        return ""
+    message = f"{name} is a task of {load(name).domain}, the target {target} of {load(target).domain}"
+    return f"{message}: its policy can't act there"
+
+
+def _unknown_policy(name: str) -> str:
+    """What to say of `Policy_7`, `7` or `run-7`; empty for what isn't like an id."""
+    found = _LIKE_ID.fullmatch(name[:80])
+    if not found or not any(found.groups()):
+        return ""
+    meant = f"policy-{found[2]}"
+    near = number_of(meant, "policy") is not None and (found[1] or "").lower() != "run"
+    return f"unknown policy {name[:80]!r}; " + (
+        f"did you mean {meant!r}?" if near else "ids look like policy-7"
+    )
+
+
+_SECTIONS: dict[KeyPath, type[_Closed]] = {
+    (): Scenario,
+    ("sources",): TaskSources,
+    ("similarity",): Similarity,
+    ("guidance",): Guidance,
+}
 _SAID = {
     "string_type": "must be a text",
     "int_type": "must be a whole number",
@@ -253,6 +317,8 @@ _SAID = {
 
 def _told(error: Any, reader: "_Reader") -> Problem:
     path: KeyPath = tuple(error["loc"])
+    if path[:1] == ("sources",):
+        path = path[:1] + path[2:]  # without the name of the form, list or mapping
     kind, context = error["type"], error.get("ctx", {})
     if kind == "missing":
         return Problem(path[:-1], f"missing key {path[-1]!r}", absent=True)
@@ -277,10 +343,14 @@ def _advice(path: KeyPath, kind: str, written: str) -> str:
             return whole.advice(written)
         case "float_type":
             return f"write {_share(written)}"
+        case "string_type" if path[0] == "sources":
+            return f"write policy-{written}" if number_of(f"policy-{written}", "policy") else ""
         case "string_type":
             return f'write "{written}"'
         case "tuple_type" if path == ("seeds",):
             return "write them as 0-5 or 0,3,7"
+        case "tuple_type" if written == "paired":
+            return "write {tasks: [BlockedDoor, GapBall], seed: paired}"
         case "tuple_type":
             return f"write [{written}]"
         case "model_type" | "model_attributes_type" if path in _SECTIONS and path:

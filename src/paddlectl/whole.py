@@ -1,6 +1,7 @@
 """Whole numbers and seeds as they are typed, and what to type instead of other ways to write them."""
 
 import re
+from collections.abc import Iterable
 from decimal import Decimal
 
 from paddlectl.errors import UsageError
@@ -53,6 +54,17 @@ def seeds(text: str) -> tuple[int, ...]:
     if len(found) > MOST_SEEDS:
         raise UsageError(f"more than {MOST_SEEDS} seeds in {shortened(text)!r}", "write fewer")
     return tuple(found)
+
+
+def ranges(seeds: Iterable[int]) -> str:
+    """Seeds as they are typed, in order: `0-2,7`."""
+    rows: list[list[int]] = []
+    for seed in sorted(seeds):
+        if rows and seed == rows[-1][-1] + 1:
+            rows[-1].append(seed)
+        else:
+            rows.append([seed])
+    return ",".join(f"{row[0]}-{row[-1]}" if row[1:] else f"{row[0]}" for row in rows)
 
 
 def _range(part: str, text: str) -> range:

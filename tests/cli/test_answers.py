@@ -71,6 +71,16 @@ def test_a_source_named_twice_counts_once(registry: Registry, command: Command) 
     assert answer.json["sources"] == ["policy-2"]
 
 
+def test_similarity_takes_of_a_task_the_policy_that_a_transfer_would(
+    registry: Registry, command: Command
+) -> None:
+    for method, text in (("ppo", None), ("random", program("GapBall", GAP_BALL))):
+        add_source(registry, "GapBall", text, method=method, success_rate=1.0)
+    for more in ((), ("--source", "BlockedDoor", "--source", "GapBall")):
+        found = command("similarity", "--target", TARGET, *more, "--json").json
+        assert found["sources"] == ["policy-1", "policy-2"]
+
+
 def test_one_weight_leaves_the_rest_to_the_other(registry: Registry, command: Command) -> None:
     answer = command("similarity", "--target", TARGET, "--body-weight", "0.7", "--json").json
     assert (answer["body_weight"], answer["head_weight"]) == (0.7, 0.3)

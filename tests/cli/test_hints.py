@@ -15,14 +15,26 @@ from paddlectl.errors import PaddlectlError
 from paddlectl.experiments import policies, processes
 from paddlectl.experiments.jobs import Begun, ResumeJob, TrainJob, TransferJob
 from paddlectl.experiments.runner import _source
+from paddlectl.methods.base import Setup
+from paddlectl.methods.componet import COMPONET
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
-from paddlectl.tasks.suite import names
-from samples import BLOCKED_DOOR, ROOT, TARGET, Command, add_policy, add_source, add_transfer, program
+from paddlectl.tasks.suite import load, names
+from samples import (
+    BLOCKED_DOOR,
+    ROOT,
+    SCENARIO,
+    TARGET,
+    Command,
+    add_policy,
+    add_source,
+    add_transfer,
+    program,
+)
 
 SCENARIO_B = ROOT / "scenarios" / "B.yaml"
 COMMAND = rf"paddlectl (?:{'|'.join(COMMANDS)}|--help)"
-WAY = re.compile(rf"{COMMAND}(?![\w-])(?: [^\s,;()]+)*")
+WAY = re.compile(rf"{COMMAND}(?![\w-])(?: [^\s,;()]+(?:,[^\s,;()]+)*)*")
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +48,8 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
                 match job:
                     case TrainJob():
                         assert job.task in names()
-                        add_source(opened, job.task, program(job.task, []) or "0.9 :: gt_key()")
+                        text = program(job.task, []) or "0.9 :: gt_key()"
+                        add_source(opened, job.task, text, method=job.method, seed=job.seed)
                     case TransferJob():
                         add_transfer(opened)
                     case ResumeJob():
@@ -111,6 +124,20 @@ def from_scratch(registry: Registry) -> None:
     registry.finish_run(run.id, status="finished", frames=9, episodes=1, seconds=1.0, results=figures)
 
 
+def flat(registry: Registry) -> None:
+    for task in ("GapBall", "DoorBall"):
+        add_source(registry, task, None, method="ppo")
+
+
+def of_maze(registry: Registry) -> None:
+    add_source(registry, "MailMaze", None, domain="maze2d")
+
+
+def with_sources(sources: str) -> None:
+    """A scenario file with these sources."""
+    Path("x.yaml").write_text(SCENARIO.replace("[BlockedDoor, GapBall]", sources))
+
+
 def damaged_program(registry: Registry) -> None:
     add_source(registry, "DoorBall", "0.9 :: gt_key( :-")
 
@@ -158,6 +185,14 @@ PROVOKED: list[tuple[Callable[[Registry], object], str]] = [
     (gone, "runs"),
     (gone, "registry check"),
     (nothing, f"transfer {SCENARIO_B} --seed 0"),
+    (gone, f"transfer {SCENARIO_B} --seed 0"),
+    (lambda _: with_sources("[policy-1, BoxDoor]"), "transfer x.yaml"),
+    (lambda _: with_sources("[policy-11]"), "transfer x.yaml"),
+    (lambda r: (flat(r), with_sources("[policy-5]")), "transfer x.yaml"),
+    (lambda r: (of_maze(r), with_sources("[policy-4]")), "transfer x.yaml"),
+    (lambda _: with_sources("{tasks: [BlockedDoor, BoxDoor], seed: paired}"), "transfer x.yaml"),
+    (lambda _: with_sources("{tasks: [GapBall, BoxDoor], seed: paired}"), "transfer x.yaml --seeds 0-1,4"),
+    (flat, f"similarity --target {TARGET} --source DoorBall"),
     (nothing, "explain run-1"),
     (nothing, "explain run-77"),
     (nothing, "explain GapBall"),
@@ -279,6 +314,9 @@ def test_the_command_in_a_hint_works_and_no_hint_is_left_out(
     damaged_program(registry)
     with pytest.raises(PaddlectlError) as caught:
         _source(registry, registry.policy("DoorBall").id)
+    told += [caught.value.hint, *(followed(command, way) for way in ways(caught.value.hint))]
+    with pytest.raises(PaddlectlError) as caught:
+        COMPONET.make(Setup(load(TARGET), COMPONET.settings_for(load(TARGET), None), 0, 1))
     told += [caught.value.hint, *(followed(command, way) for way in ways(caught.value.hint))]
     everything = "\n".join(told)
     left = [

@@ -119,6 +119,13 @@ def test_a_budget_below_a_round_is_told_before_it_starts(tmp_path: Path) -> None
     assert told == []
 
 
+def test_a_hint_with_seeds_apart_names_the_registry_after_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["paddlectl", "transfer", "x.yaml", "--registry", "r"])
+    told = here("run: paddlectl train BoxDoor --seeds 0-2,7, then paddlectl train GapBall --seed 1")
+    first = "paddlectl train BoxDoor --seeds 0-2,7 --registry r"
+    assert told == f"run: {first}, then paddlectl train GapBall --seed 1 --registry r"
+
+
 @pytest.mark.parametrize(
     "given, told",
     [

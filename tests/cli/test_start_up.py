@@ -162,6 +162,10 @@ def test_completion_offers_what_the_command_takes(registry: Registry) -> None:
         "policy-4",
     ]
     assert "policy-4" not in complete(f"paddlectl similarity --target {TARGET} --source p", **where)
+    add_source(registry, "DoorBall", None, method="ppo")
+    add_source(registry, "OpenGoal", "0.9 :: gt_key()", method="random")
+    offered = complete(f"paddlectl similarity --target {TARGET} --source ", **where)
+    assert set(offered) == {TARGET, "GapBall", "BlockedDoor", "policy-1", "policy-2", "policy-3", "policy-6"}
 
 
 def test_nothing_is_offered_where_there_is_nothing(tmp_path: Path) -> None:
@@ -176,6 +180,11 @@ def test_completion_of_scenario_files(monkeypatch: pytest.MonkeyPatch) -> None:
     assert complete("paddlectl transfer ~/scenarios/D") == ["~/scenarios/D-place.yaml", "~/scenarios/D.yaml"]
     assert complete("paddlectl transfer scen") == ["scenarios/"]
     assert complete("paddlectl transfer scenarios/A") == ["scenarios/A-place.yaml", "scenarios/A.yaml"]
+
+
+def test_completion_of_methods() -> None:
+    assert complete("paddlectl train BoxDoor --method p") == ["ppo"]
+    assert complete("paddlectl transfer A.yaml --method p")[:2] == ["paddle", "ppo"]
 
 
 def test_completion_is_silent_about_trouble(tmp_path: Path) -> None:

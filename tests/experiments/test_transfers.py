@@ -68,7 +68,9 @@ VOCABULARY = sorted(str(atom) for atom in load(TARGET).vocabulary.atoms)
 def test_the_row_and_the_run_say_the_same(transfer, mode):
     done = transfer(mode)
     figures = {"jump_start", "final_score", "success_rate", "area_under_curve"}
-    assert set(done.row) == {"run", "policy", "method", "seed", "frames", "episodes", "seconds"} | figures
+    told = {"run", "policy", "method", "sources", "seed", "frames", "episodes", "seconds"}
+    assert set(done.row) == told | figures
+    assert done.row["sources"] == list(transfer.policies)
     run = done.run
     assert (run.kind, run.method, run.task, run.scenario, run.status) == (
         "transfer", "paddle", TARGET, "A", "finished",

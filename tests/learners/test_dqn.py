@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from paddlectl.learners.dqn import DQN, Batch, DQNSettings
+from paddlectl.learners.dqn import DQN, Batch, DQNSettings, StepDQNSettings
 
 
 def tabular(values, slow=None):
@@ -93,3 +93,24 @@ def test_its_tensors_are_kept_and_taken():
     assert (one.values(states) != other.values(states)).any()
     other.load({**one.state(), "actor.0.weight": torch.zeros(1)})
     assert (one.values(states) == other.values(states)).all()
+
+
+def test_at_every_step_it_explores_by_its_rate_and_less_once_it_has_learned():
+    learner = StepDQNSettings(noise=0.25).learner(1, 2, 0)
+    states = np.ones((2000, 1), np.float32)
+    best = learner.dqn.values(states[:1]).argmax()
+    learner.dqn.exploration = 0.5
+    for actor, rate in ((learner, 0.5), (learner.frozen(), 0.25), (learner.guide(), 0.25)):
+        actions, log_probs = actor.act(states, np.random.default_rng(0))
+        assert np.mean(actions != best) == pytest.approx(rate / 2, abs=0.03)
+        assert log_probs.tolist() == [0.0] * 2000
+    seen, actions = torch.from_numpy(states[:2]), torch.tensor([1, 0])
+    assert learner.values_of(seen, actions).numpy() == pytest.approx(learner.dqn.values(states[:1])[0, ::-1])
+
+
+def test_at_every_step_the_learning_rate_falls_in_a_straight_line():
+    learner = StepDQNSettings(learning_rate=1e-3, final_rate=0.2, exploration_share=0.5).learner(1, 2, 0)
+    for progress, rate, exploration in ((0.0, 1e-3, 1.0), (0.25, 8e-4, 0.525), (1.0, 2e-4, 0.05)):
+        learner.anneal(progress)
+        assert learner.dqn.optimiser.param_groups[0]["lr"] == pytest.approx(rate)
+        assert learner.dqn.exploration == pytest.approx(exploration)

@@ -67,6 +67,16 @@ def test_solves_a_bandit_of_three_states():
     assert likelihood(learner).min() > 0.9
 
 
+def test_another_network_may_be_the_actor():
+    made, rng = [], np.random.default_rng(0)
+    learner = PPO(3, 4, seed=0, actor=lambda *sizes: made.append(sizes) or torch.nn.Linear(*sizes))
+    before = {name: tensor.clone() for name, tensor in learner.state().items()}
+    learner.update(bandit_block(learner, rng))
+    assert made == [(3, 4)]
+    learned = {name for name, tensor in learner.state().items() if not torch.equal(before[name], tensor)}
+    assert {"actor.weight", "actor.bias"} <= learned
+
+
 def corridor_block(learner, places, rng):
     """16 steps of a corridor of five cells; the last pays, and the walk starts anew."""
     buffer = RolloutBuffer.empty(16, len(places), 5)

@@ -182,6 +182,24 @@ def test_a_policy_may_be_kept_without_a_program(registry: Registry, add: Any) ->
     assert (registry.policy("policy-1").program, registry.policy("policy-1").crispness) == (None, None)
 
 
+def test_a_step_down_keeps_a_policy_without_a_program(registry: Registry, add: Any, location: Path) -> None:
+    run, path = add.run().id, location / "registry.db"
+    add.policy(run)
+    add.policy(run, program=None, crispness=None)
+    columns = "SELECT program, crispness FROM policies ORDER BY id"
+    rest = "SELECT id, run, task, method, checkpoint, success_rate, metadata FROM policies ORDER BY id"
+    before = _query(path, columns), _query(path, rest)
+    with sqlite._migrating(path).begin() as connection:
+        config = Config(attributes={"connection": connection})
+        config.set_main_option("script_location", str(database.MIGRATIONS))
+        command.downgrade(config, "0003")
+    assert (_query(path, columns), _query(path, rest)) == ([before[0][0], ("", 0.0)], before[1])
+    with Registry.open(location) as opened:
+        assert opened.policy("policy-2").program == ""
+        assert add.policy(run, program=None, crispness=None).id == "policy-3"
+    assert not check(location, read_data=True).faults
+
+
 # A further revision, which there isn't yet
 
 

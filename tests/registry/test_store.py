@@ -99,6 +99,11 @@ def test_the_best_policy_of_a_task(
         (lambda r: r.run("run-1\n"), r"no run 'run-1\n'", "run: paddlectl runs"),
         (lambda r: r.policy("policy-12"), "no policy policy-12", "did you mean policy-1?"),
         (lambda r: r.policy("DoorBall"), "no policy for DoorBall", "run: paddlectl train DoorBall"),
+        (
+            lambda r: r.policy("BoxDoor", "ppo"),
+            "no policy for BoxDoor by ppo",
+            "run: paddlectl train BoxDoor",
+        ),
         (lambda r: r.policy("BoxDor"), "no policy for BoxDor", "did you mean BoxDoor?"),
         (lambda r: r.policy("boxdoor"), "no policy for boxdoor", "did you mean BoxDoor?"),
         (lambda r: r.finish_run("run-9", results={}, **END), "no run run-9", "did you mean run-1?"),

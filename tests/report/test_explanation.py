@@ -65,6 +65,11 @@ def test_an_unknown_rule_is_told_by_its_name(registry, capsys):
         {"dropped": None},
         {"dropped": 1},
         {"dropped": "yes"},
+        {"rules": {"tie": 10**400}},
+        {"rules": {"tie": -1}},
+        {"chosen": 10**400},
+        {"decisions": -1},
+        {"weight": 10**400},
     ],
 )
 def test_damaged_rows_of_weights_are_refused(registry, damage):

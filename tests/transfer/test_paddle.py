@@ -424,6 +424,28 @@ def test_to_look_at_a_run_changes_nothing(mode):
 
 
 @pytest.mark.parametrize("mode", ["paper", "default"])
+def test_who_led_so_far_is_told_in_the_terms_of_every_method(mode):
+    policy, given = target(), sources(LAMP, WALK)
+    made = learning(policy, given, one_of_each(mode, policy, given, SMALL.lanes), 0, 512)
+    assert made.agent.reuse() == []
+    next(made)
+    told, chooser = made.agent.reuse(), made.agent.guides
+    assert sum(row.chosen for row in told) == chooser.decisions.sum() > 0
+    assert sum(row.reached for row in told) == chooser.reached.sum()
+    assert {row.source for row in told} == {"target", "policy-1", "policy-2"}
+    assert {row.context for row in told} <= {("!far()",), ("far()",)}
+    assert all(row.terms.keys() == {"ψ", "Φ"} and np.isfinite(row.weight) for row in told)
+    assert told == made.agent.reuse()
+
+
+def test_nothing_is_told_of_guides_before_the_first_decision():
+    policy, given = target(), sources(LAMP)
+    chooser = guides.PaperGuides(policy, candidates(policy, given), 4, np.random.default_rng(0), LETTER)
+    agent = PaddleAgent(policy, given, chooser, {}, 0, 512)
+    assert (agent.reuse(), agent.close()) == ([], {"weights": []})
+
+
+@pytest.mark.parametrize("mode", ["paper", "default"])
 def test_sources_stay_as_they_are(mode):
     actor = PPO(Corridor.observation_size, Corridor.actions.size, 8)
     before = {name: tensor.clone() for name, tensor in actor.state().items()}

@@ -2,7 +2,6 @@
 
 import random
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,8 @@ from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.runner import run_transfer, train_source
 from paddlectl.registry.check import check
 from paddlectl.registry.store import Registry
-from small_transfer import job
-from trials.runs import KINDS, SMALL, StopAfter, add_sources, begin, ended, quiet, small
+from small_transfer import SMALL, job
+from trials.runs import KINDS, StopAfter, add_sources, begin, ended, quiet, small
 
 EVERY, LONG = (1, 7, 50), 52  # rounds
 
@@ -68,11 +67,10 @@ def repeated_runs(count: int, seed: int, folder: Path) -> dict[str, Any]:
 
 def _jobs(seed: int) -> list[Job]:
     """Of every kind, with lanes so few that each is over in seconds."""
-    few = {learner: {"lanes": 8, "low_level": settings} for learner, settings in SMALL.items()}
-    sources = TrainJob("GapBall", seed, 3072, few["ppo"]), TrainJob("CoffeeMaze", seed, 6400, few["td3"])
+    in_maze = {"lanes": 8, "low_level": {"warm_up": 100}}
+    sources = TrainJob("GapBall", seed, 3072, SMALL), TrainJob("CoffeeMaze", seed, 6400, in_maze)
     ways = (("default", "paddle"), ("paper", "paddle"), ("default", "hdm"))
-    transfers = [job(("policy-1", "policy-2"), *way, seed, 3072) for way in ways]
-    return [*sources, *(replace(transfer, hybrid=few["ppo"]) for transfer in transfers)]
+    return [*sources, *(job(("policy-1", "policy-2"), *way, seed, 3072) for way in ways)]
 
 
 def _done(job: Job, registry: Registry) -> str:

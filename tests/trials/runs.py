@@ -15,12 +15,23 @@ from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.runner import random_source, run_transfer, train_source
 from paddlectl.experiments.stop import Stop
+from paddlectl.methods.catalogue import METHODS, teacher_of
 from paddlectl.registry.store import Registry
-from small_transfer import SHORT, SMALL, job
+from paddlectl.tasks.suite import load
+from small_transfer import SHORT, SMALL, TARGET, job
 
-KINDS = ("train", "train maze", "paddle default", "paddle paper", "hdm")
+SEEDED = ("train", "train maze", "paddle default", "paddle paper", "hdm")
+"""Those whose end is recorded."""
+
+KINDS = (
+    *SEEDED,
+    *(f"train {name}" for name in ("ppo", "td3")),
+    *sorted(METHODS.keys() - {"paddle", "hdm", "ppo", "td3"}),
+)
 FRAMES, ROUNDS = 3072, 12
-IN_MAZE = {"lanes": 8, "low_level": {"warm_up": 100}}
+FLAT = {"lanes": 8}
+FEWER: dict[str, dict[str, Any]] = {"hdqn": {"meta": {"capacity": 500, "warm_up": 50}}}
+SOURCES = ("BlockedDoor", "GapBall")
 TIME = {"seconds", "created", "finished", "resumes"}
 
 
@@ -56,20 +67,35 @@ def small() -> Iterator[None]:
 
 
 def add_sources(registry: Registry) -> None:
-    """policy-1 and policy-2, untrained: what they teach doesn't matter here."""
-    for task in ("BlockedDoor", "GapBall"):
+    """Four policies: what they teach doesn't matter here."""
+    for task in SOURCES:
         random_source(task, 0, registry)
+    for task in SOURCES:
+        train_source(TrainJob(task, 0, 1, FLAT, method="ppo"), registry, quiet)
 
 
 def begin(kind: str, registry: Registry, pace: Pace, rounds: int = ROUNDS) -> dict[str, Any]:
+    """Starts a run of that kind, or goes on with it."""
     frames = rounds * FRAMES // ROUNDS
-    if kind == "train":
-        return train_source(TrainJob("GapBall", 0, frames, SMALL), registry, quiet, pace)
-    if kind == "train maze":  # 8 lanes, 8 actions a round, 20 steps an action
-        return train_source(TrainJob("CoffeeMaze", 0, rounds * 8 * 8 * 20, IN_MAZE), registry, quiet, pace)
-    method, _, mode = kind.partition(" ")
-    policies = ("policy-1", "policy-2")
-    return run_transfer(job(policies, mode or "default", method, frames=frames), registry, quiet, pace)
+    match kind.split():
+        case ["train"]:
+            return train_source(TrainJob("GapBall", 0, frames, SMALL), registry, quiet, pace)
+        case ["train", "ppo"]:
+            return train_source(TrainJob("GapBall", 0, frames, FLAT, method="ppo"), registry, quiet, pace)
+        case ["train", maze]:  # 8 lanes, 8 actions a round, 20 steps an action
+            low_level, method = ("learner", "td3") if maze == "td3" else ("low_level", "hdm")
+            changes = {"lanes": 8, low_level: {"warm_up": 100}}
+            frames = rounds * 8 * 8 * 20
+            return train_source(
+                TrainJob("CoffeeMaze", 0, frames, changes, method=method), registry, quiet, pace
+            )
+        case [method, *mode]:
+            teacher = teacher_of(method, load(TARGET))
+            reused = {None: (), "hdm": ("policy-1", "policy-2"), "ppo": ("policy-3", "policy-4")}[teacher]
+            changes = FLAT if teacher == "ppo" else SMALL | FEWER.get(method, {})
+            asked = job(reused, *(mode or ["default"]), method=method, frames=frames, changes=changes)
+            return run_transfer(asked, registry, quiet, pace)
+    raise ValueError(kind)
 
 
 def ended(registry: Registry, run: str) -> dict[str, Any]:

@@ -154,7 +154,11 @@ class Agent(Player, Protocol):
         return {}
 
     def documents(self) -> Mapping[str, Any]:
-        """What is to be kept beside the tables, by name, before the first round and after the last."""
+        """What is to be kept beside the tables, by name, before the first round and after the last.
+
+        Each is an object. `explain` tells its fields as they stand: plain values, and objects that have plain
+        values by name. Ids of policies are told as their tasks.
+        """
         return {}
 
     def policy(self) -> Policy:

@@ -25,7 +25,7 @@ GESTURE = 1.0  # seconds in which ^C, pressed again, means the same; or it would
 # What each command is for, as the docstring of its function says; known here so that `--help` loads none.
 COMMANDS = {
     "tasks": "List the tasks that can be trained on and transferred to.",
-    "train": "Train sources with the hybrid decision model and keep them in the registry.",
+    "train": "Train sources from scratch and keep them in the registry.",
     "evaluate": "Play a policy on layouts that it never trained on.",
     "policies": "List the policies in the registry, newest first.",
     "runs": "List the runs in the registry, newest first.",

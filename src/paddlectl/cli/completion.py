@@ -60,15 +60,17 @@ def policy_names(registry: str | None) -> list[tuple[str, str]]:
 
 @_quiet
 def source_names(registry: str | None, target: str | None) -> list[tuple[str, str]]:
-    """Those that Ψ of the target can be shown from: of its domain."""
+    """Those that Ψ of the target can be shown from: of its domain, with clauses."""
+    from paddlectl.methods.catalogue import entry_of
     from paddlectl.tasks.suite import load, usable
 
-    policies = _soon(registry, "policies")
+    policies = _soon(registry, "programs")
     if target:
         domain = load(target).domain
         near = {task.name for task in usable() if task.domain == domain}
         policies = [policy for policy in policies if policy.task in near]
-    return _with_tasks(policies)
+    teaches = entry_of("paddle").teaches
+    return _best([policy for policy in policies if policy.method in teaches]) + _pairs(policies)
 
 
 @_quiet
@@ -91,8 +93,11 @@ def stopped_names(registry: str | None) -> list[tuple[str, str]]:
 
 
 def _with_tasks(labels: "Sequence[Label]") -> list[tuple[str, str]]:
-    best = [(task, "its best policy") for task in dict.fromkeys(label.task for label in labels)]
-    return best + _pairs(labels)
+    return _best(labels) + _pairs(labels)
+
+
+def _best(labels: "Iterable[Label]") -> list[tuple[str, str]]:
+    return [(task, "its best policy") for task in dict.fromkeys(label.task for label in labels)]
 
 
 def _pairs(labels: "Iterable[Label]") -> list[tuple[str, str]]:

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -56,6 +56,17 @@ def complete_scenarios(incomplete: str) -> list[str]:
     from paddlectl.cli.completion import scenario_files
 
     return [name for name in scenario_files(incomplete) if name.startswith(incomplete)]
+
+
+def one_method_of(names: Iterable[str]) -> Callable[[str], list[str]]:
+    """A completion of these names, and of the methods of plug-ins, none of which is imported for it."""
+
+    def complete(incomplete: str) -> list[str]:
+        from paddlectl.methods.catalogue import PLUGINS
+
+        return [name for name in (*names, *PLUGINS.names()) if name.startswith(incomplete)]
+
+    return complete
 
 
 def whole_number(low: int, high: int) -> Callable[[object], int]:

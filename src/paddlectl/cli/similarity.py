@@ -1,6 +1,7 @@
 """`paddlectl similarity`."""
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -81,31 +82,42 @@ def weights(body: float | None, head: float | None) -> tuple[float, float]:
 
 
 def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") -> "list[PolicyRecord]":
-    """The policies named, each once; without names the best one of every other task of the domain.
+    """The policies named, each once; without names those of every other task of the domain.
+
+    Of a task it is the best that a transfer by `paddle` would reuse.
 
     Raises:
         NotFoundError: If a policy, or any policy of the domain, isn't there.
-        UsageError: If a policy is of another domain.
+        UsageError: If a policy is of another domain, or has no clauses.
     """
-    from paddlectl.cli.named import policy_named
-
-    found = [policy_named(registry, name) for name in names] or _best_of_domain(registry, target)
+    found = [_named(registry, name) for name in names] or _best_of_domain(registry, target)
     if not found:
         raise NotFoundError(
             f"no policy of another {target.domain} task in {registry.shown}",
             _way_to_another(target),
         )
     for policy in found:
+        if policy.domain != target.domain:
+            raise UsageError(
+                f"{policy.id} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}"
+            )
         if policy.program is None:
             raise UsageError(
                 f"{policy.id} was learned by {policy.method}, which has no clauses to compare",
                 f"run: paddlectl train {policy.task}",
             )
-        if policy.domain != target.domain:
-            raise UsageError(
-                f"{policy.id} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}"
-            )
     return list({policy.id: policy for policy in found}.values())
+
+
+def _named(registry: "Registry", name: str) -> "PolicyRecord":
+    """The policy of an id, or of a task the best one with clauses; without any the best."""
+    from paddlectl.cli.named import policy_named
+
+    policy = policy_named(registry, name)
+    if policy.program is None and name != policy.id:
+        with suppress(NotFoundError):
+            return registry.policy(name, clauses=True)
+    return policy
 
 
 def _way_to_another(target: "Task") -> str:

@@ -14,8 +14,10 @@ from paddlectl.cli.options import (
     RegistryPlace,
     chosen_seeds,
     complete_tasks,
+    one_method_of,
 )
 from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.methods.catalogue import ALONE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,14 +55,15 @@ def train(
         ),
     ] = None,
     method: Annotated[
-        str, typer.Option(metavar="M", help="By which: hdm, or ppo or td3 without subgoals.")
+        str,
+        typer.Option(metavar="M", autocompletion=one_method_of(ALONE), help=f"By which: {', '.join(ALONE)}."),
     ] = "hdm",
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
-    """Train sources with the hybrid decision model and keep them in the registry."""
+    """Train sources from scratch and keep them in the registry."""
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.cli.texts import here
     from paddlectl.report.output import print_json, print_text
@@ -90,7 +93,7 @@ def train_jobs(
         NotFoundError: If there is no such task, or one of them has no such preset.
         UsageError: If there is no such method, or it is none for a source.
     """
-    from paddlectl.methods.catalogue import entry_of, require_actions, usable
+    from paddlectl.methods.catalogue import alone, entry_of, require_actions
     from paddlectl.tasks.base import GUIDED
     from paddlectl.tasks.suite import load
 
@@ -100,12 +103,11 @@ def train_jobs(
             has = f"its presets: {', '.join(presets)}" if presets else "it has none: leave out --preset"
             raise NotFoundError(f"{name} has no preset {preset}", has)
 
-    if entry_of(method).teaches:
-        alone = ", ".join(name for name, entry in usable().items() if not entry.teaches)
-        raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {alone}")
+    if entry_of(method, alone).teaches:
+        raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {', '.join(alone())}")
 
     for name in known:
-        require_actions(method, load(name))
+        require_actions(method, load(name), alone)
 
     from paddlectl.experiments.jobs import TrainJob
 

@@ -1,5 +1,6 @@
 """`paddlectl transfer`."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,11 +17,13 @@ from paddlectl.cli.options import (
     chosen_seeds,
     complete_scenarios,
     file_at,
+    one_method_of,
 )
 from paddlectl.errors import NotFoundError
+from paddlectl.methods.catalogue import METHODS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from paddlectl.cli.running import Asked
     from paddlectl.registry.store import Registry
@@ -42,7 +45,12 @@ def transfer(
     ],
     method: Annotated[
         str | None,
-        typer.Option(metavar="M", help="Instead of the scenario's: paddle or hdm.", show_default=False),
+        typer.Option(
+            metavar="M",
+            autocompletion=one_method_of(METHODS),
+            help=f"Instead of the scenario's: {', '.join(METHODS)}.",
+            show_default=False,
+        ),
     ] = None,
     seed: OneSeed = None,
     seeds: ManySeeds = None,
@@ -66,24 +74,21 @@ def transfer(
     """Learn a scenario's target, guided by policies of its sources."""
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.cli.texts import here
-    from paddlectl.methods.catalogue import teacher_of
-    from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TRANSFERRED, table
     from paddlectl.scenario import load_scenario
-    from paddlectl.tasks.suite import load
 
     scenario = load_scenario(file)
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
     method = method or scenario.method
     with stdout_kept():
-        teaches = teacher_of(method, load(scenario.target))
-    opened = Registry.open(registry, create=train_missing or teaches is None)
-    sources = source_policies(opened, scenario, teaches, registry, train_missing, jobs) if teaches else ()
+        sources = sources_of(scenario, method, chosen, registry, train_missing, jobs)
+    if any(sources.values()):
+        print(plan_of(sources), file=sys.stderr)
     with stdout_kept():
         from paddlectl.cli.running import run
 
-        asked = asked_for(scenario, sources, method, chosen, frames or scenario.frames)
+        asked = asked_for(scenario, sources, method, frames or scenario.frames)
         ended = run(asked, registry, checkpoint_every, jobs)
     if as_json:
         told = {"scenario": scenario.name, "target": scenario.target}
@@ -95,45 +100,79 @@ def transfer(
     ended.require_all()
 
 
-def source_policies(
-    registry: "Registry",
+def sources_of(
     scenario: "Scenario",
-    teaches: str,
+    method: str,
+    seeds: "Sequence[int]",
     location: str,
     train_missing: bool,
     at_a_time: int | None = None,
-) -> tuple[str, ...]:
-    """Ids of the best policies of the scenario's sources, learned by the method that `teaches`.
-
-    What is missing is trained if that was asked for.
+) -> "Mapping[int, tuple[str, ...]]":
+    """Seed -> ids of the policies that its transfer reuses; what is missing is trained if that was asked for.
 
     Raises:
-        NotFoundError: If a source has no policy and none is to be trained.
+        NotFoundError: If a policy is missing and isn't to be trained.
+        UsageError: If one that the scenario names can't be reused.
     """
-    from paddlectl.experiments.jobs import TrainJob
+    from paddlectl.experiments.sources import resolve
 
-    solved = registry.solved(method=teaches)
-    missing = [task for task in scenario.sources if task not in solved]
-    if missing and not train_missing:
-        by = "" if teaches == TrainJob.method else f" --method {teaches}"
-        raise NotFoundError(
-            f"no policy for {', '.join(missing)} by {teaches}",
-            f"run: paddlectl train {' '.join(missing)}{by}",
-        )
-    if missing:
-        from paddlectl.cli.train import run_training, train_jobs
+    with _opened(scenario, method, seeds, location, train_missing) as registry:
+        found = resolve(registry, scenario, method, seeds)
+        if not (found.missing and train_missing):
+            return found.required()
+        from paddlectl.cli.train import run_training
 
-        run_training(train_jobs(missing, (0,), method=teaches), location, at_a_time=at_a_time).require_all()
-    return tuple(registry.policy(task, teaches).id for task in scenario.sources)
+        run_training(found.missing, location, at_a_time=at_a_time).require_all()
+        return resolve(registry, scenario, method, seeds).required()
+
+
+def _opened(
+    scenario: "Scenario", method: str, seeds: "Sequence[int]", location: str, train_missing: bool
+) -> "Registry":
+    """The registry; it is made where it can come to hold all that is reused.
+
+    Raises:
+        NotFoundError: If there is none; with the command that trains the scenario's tasks.
+    """
+    from paddlectl.experiments.sources import unlearned
+    from paddlectl.methods.catalogue import teacher_of
+    from paddlectl.registry.names import is_id
+    from paddlectl.registry.store import Registry
+    from paddlectl.tasks.suite import load
+
+    teaches = teacher_of(method, load(scenario.target))
+    if teaches is None:
+        return Registry.open(location)
+    try:
+        return Registry.open(location, create=train_missing and not any(map(is_id, scenario.source_names)))
+    except NotFoundError as error:
+        lacking = unlearned(scenario, teaches, seeds)
+        hint = f"run: {lacking.command()}" if lacking.missing else error.hint
+        raise NotFoundError(error.message, hint) from None
+
+
+def plan_of(sources: "Mapping[int, tuple[str, ...]]") -> str:
+    """Which policies are reused, by the seeds of the transfers: `sources: policy-1, policy-2 (seed 0); …`."""
+    from paddlectl.cli.running import MOST_NAMED
+    from paddlectl.whole import ranges
+
+    seeds: dict[tuple[str, ...], list[int]] = {}
+    for seed, ids in sources.items():
+        seeds.setdefault(ids, []).append(seed)
+    if len(seeds) == 1:
+        return f"sources: {', '.join(*seeds)}"
+    told = [f"{', '.join(ids)} (seed {ranges(its)})" for ids, its in list(seeds.items())[:MOST_NAMED]]
+    more = [f"and {len(seeds) - MOST_NAMED} more"] * (len(seeds) > MOST_NAMED)
+    return f"sources: {'; '.join(told + more)}"
 
 
 def asked_for(
-    scenario: "Scenario", sources: tuple[str, ...], method: str, seeds: "Sequence[int]", frames: int
+    scenario: "Scenario", sources: "Mapping[int, tuple[str, ...]]", method: str, frames: int
 ) -> "list[Asked]":
     """A job for each seed."""
     from paddlectl.cli.running import Asked
     from paddlectl.experiments.jobs import TransferJob
 
-    jobs = [TransferJob(scenario, sources, method, seed, frames) for seed in seeds]
+    jobs = [TransferJob(scenario, ids, method, seed, frames) for seed, ids in sources.items()]
     name = f"{scenario.name} {method} seed"
     return [Asked(job, f"{name} {job.seed}", "transfer", method, scenario.target, frames) for job in jobs]

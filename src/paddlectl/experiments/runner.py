@@ -120,6 +120,7 @@ def run_transfer(
         "run": run.id,
         "policy": kept.id,
         "method": method.name,
+        "sources": list(run.sources),
         "seed": job.seed,
         **log.counts(),
         **figures,

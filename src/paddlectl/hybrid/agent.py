@@ -79,7 +79,7 @@ class HybridAgent:
         return {"crispness": self.learner.crispness(self._recent.shares())}
 
     def reuse(self) -> Sequence[ReuseRow]:
-        """Nothing: what guides did is told by their chooser."""
+        """Nothing."""
         return ()
 
     def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:

@@ -1,7 +1,9 @@
 """Deep Q-network (Mnih et al., 2015) with double targets (van Hasselt, Guez & Silver, 2016)."""
 
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
+from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.learners.networks import gradient_step, load_named, mlp
 
 Floats = NDArray[np.float32]
@@ -100,19 +103,27 @@ class DQN:
         values: Floats = self.online(torch.from_numpy(states)).numpy()
         return values
 
-    def act(self, states: Floats, rng: np.random.Generator, allowed: NDArray[np.bool_] | None = None) -> Ints:
+    def act(
+        self,
+        states: Floats,
+        rng: np.random.Generator,
+        allowed: NDArray[np.bool_] | None = None,
+        exploration: float | None = None,
+    ) -> Ints:
         """The best action, or with probability ε any. [n]
 
         Args:
             states: [n, D]
             rng: Of the draws.
             allowed: Which actions there are to choose from; all if None. [n, A]
+            exploration: ε; that of the moment if None.
         """
+        rate = self.exploration if exploration is None else exploration
         values = self.values(states)
         chances = np.ones(values.shape, np.bool_) if allowed is None else allowed
         best = np.where(chances, values, -np.inf).argmax(-1)
         anyhow = np.where(chances, rng.random(values.shape), -1.0).argmax(-1)
-        chosen: Ints = np.where(rng.random(len(states)) < self.exploration, anyhow, best)
+        chosen: Ints = np.where(rng.random(len(states)) < rate, anyhow, best)
         return chosen
 
     def learn(self, batch: Batch) -> None:
@@ -164,3 +175,119 @@ class DQN:
         """Takes the network's tensors from `state`, which may hold others too."""
         load_named(self.online, {n.removeprefix("q."): t for n, t in state.items() if n.startswith("q.")})
         self.slow.load_state_dict(self.online.state_dict())
+
+
+@dataclass(frozen=True)
+class StepDQNSettings(DQNSettings):
+    """The numbers of a DQN that acts at every step, and so has far more transitions than one that decides.
+
+    A checkpoint holds all that are kept.
+
+    Attributes:
+        returns: n of n-step returns.
+        final_rate: Share of the learning rate that is left at the end of the budget; it falls in a straight
+            line. A constant rate keeps a good policy shaking.
+        noise: ε once it has learned: who is greedy alone now and then gets stuck.
+    """
+
+    batch: int = 128
+    capacity: int = 50_000
+    update_every: int = 16
+    exploration_share: float = 0.25
+    returns: int = 5
+    final_rate: float = 0.1
+    noise: float = 0.05
+
+    def learner(self, observation_size: int, actions: int, seed: int) -> "StepDQN":
+        """A new learner with these settings."""
+        return StepDQN(observation_size, actions, seed, self)
+
+
+class FrozenDQN(NamedTuple):
+    """An actor that doesn't learn."""
+
+    act: Callable[[Floats, np.random.Generator], tuple[Ints, Floats]]
+
+
+class StepDQN:
+    """A DQN as a learner like others: it acts at every step, and learns block by block."""
+
+    def __init__(self, observation_size: int, actions: int, seed: int, settings: StepDQNSettings) -> None:
+        self.settings = settings
+        self.dqn = DQN(observation_size, actions, seed, settings)
+
+    def act(self, observations: Floats, rng: np.random.Generator) -> tuple[Ints, Floats]:
+        """ε-greedy actions [B], and zeros [B]."""
+        return self._act(observations, rng, self.dqn.exploration)
+
+    def frozen(self) -> FrozenDQN:
+        """The same actor once it has learned: it explores less."""
+        return FrozenDQN(partial(self._act, exploration=self.settings.noise))
+
+    def guide(self) -> FrozenDQN:
+        """The same actor as it leads another policy."""
+        return self.frozen()
+
+    @torch.no_grad()
+    def values_of(self, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Q of actions. [n, D], [n] -> [n]"""
+        values: torch.Tensor = self.dqn.online(observations).gather(-1, actions[:, None])[:, 0]
+        return values
+
+    def update(self, buffer: RolloutBuffer) -> None:
+        """Keeps a block of experience, whoever acted, and makes the updates that are due with it."""
+        self.dqn.learn(n_step(buffer, self.settings.returns, self.settings.discount))
+
+    def anneal(self, done: float) -> None:
+        """Sets ε and the learning rate for the share of the budget that is used up, in [0, 1]."""
+        s = self.settings
+        self.dqn.anneal(done)
+        for group in self.dqn.optimiser.param_groups:
+            group["lr"] = s.learning_rate * (1.0 - (1.0 - s.final_rate) * min(done, 1.0))
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """The network's tensors by name."""
+        return self.dqn.state()
+
+    def load(self, state: dict[str, torch.Tensor]) -> None:
+        """Takes the network's tensors from `state`."""
+        self.dqn.load(state)
+
+    def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
+        """Starts from another's network as it is: ε alone says how much it explores."""
+        self.load(state)
+
+    def _act(self, observations: Floats, rng: np.random.Generator, exploration: float) -> tuple[Ints, Floats]:
+        chosen = self.dqn.act(observations, rng, exploration=exploration)
+        return chosen, np.zeros(len(chosen), np.float32)
+
+
+def n_step(buffer: RolloutBuffer, steps: int, discount: float) -> Batch:
+    """The transitions of a block over n steps, or as many as the episode or the block has left.
+
+    Of r_t + γ r_t+1 + … + γ^k max_a Q(s_t+k, a), the last term falls away where the task was solved; at the
+    horizon s_t+k is the state that the episode ended in (Pardo et al., 2018).
+
+    Args:
+        buffer: T steps of B lanes.
+        steps: n.
+        discount: γ
+
+    Returns:
+        T * B transitions, those of a step together.
+    """
+    rewards, following = buffer.rewards.copy(), buffer.following()
+    discounts = np.where(buffer.terminated, np.float32(0.0), np.float32(discount))
+    goes_on = ~buffer.done[:-1]
+    for _ in range(steps - 1):
+        rewards[:-1][goes_on] = (buffer.rewards[:-1] + discount * rewards[1:])[goes_on]
+        discounts[:-1][goes_on] = discount * discounts[1:][goes_on]
+        following[:-1][goes_on] = following[1:][goes_on]
+    states, actions = buffer.observations, buffer.actions
+    return Batch(
+        states.reshape(-1, states.shape[-1]),
+        actions.ravel(),
+        rewards.ravel(),
+        discounts.ravel(),
+        following.reshape(-1, states.shape[-1]),
+    )

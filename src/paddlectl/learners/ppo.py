@@ -17,6 +17,9 @@ Guidance = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 """A loss to add to the actor's, of the places [n] of a minibatch's samples in the flattened block, [T * B],
 and of the actor's log-probabilities there [n, A]."""
 
+ALMOST_UNIFORM = partial(mlp, output_gain=0.01)
+"""The network of an actor that has no preferences yet."""
+
 
 @dataclass(frozen=True)
 class PPOSettings:
@@ -67,16 +70,28 @@ class PPO:
 
     Learns from the target's own samples by the clipped surrogate, and from those of its guides that
     reached their subgoal by cloning.
+
+    Args:
+        observation_size: D.
+        actions: A.
+        seed: Of the networks, and of the minibatches.
+        settings: The numbers.
+        actor: Makes the network of the A logits from D and A.
     """
 
     def __init__(
-        self, observation_size: int, actions: int, seed: int, settings: PPOSettings | None = None
+        self,
+        observation_size: int,
+        actions: int,
+        seed: int,
+        settings: PPOSettings | None = None,
+        actor: Callable[[int, int], nn.Module] = ALMOST_UNIFORM,
     ) -> None:
         self.settings = settings or PPOSettings()
         self.rng = np.random.default_rng(seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.actor = mlp(observation_size, actions, output_gain=0.01)
+            self.actor = actor(observation_size, actions)
             self.critic = mlp(observation_size, 1)
         self.optimiser = torch.optim.RMSprop(
             [*self.actor.parameters(), *self.critic.parameters()],
@@ -159,7 +174,7 @@ class PPO:
     def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
         """Starts from another's networks, the actor's log-odds times `share` so that it explores again."""
         self.load(state)
-        for parameter in self.actor[-1].parameters():
+        for parameter in list(self.actor.parameters())[-2:]:  # weights and biases of the last layer
             parameter.mul_(share)
 
     @torch.no_grad()

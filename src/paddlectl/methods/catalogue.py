@@ -1,19 +1,21 @@
-"""The methods by name, and what can be known of them without loading torch.
+"""The methods by name, and what can be known of them without loading torch, or even NumPy.
 
 Those of other distributions are the entry points of the group `paddlectl.methods`: `name = module:ENTRY`, of
 an `Entry`.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from paddlectl.errors import PaddlectlError, UsageError
 from paddlectl.plugins import Plugins, require_kind
 from paddlectl.registry.fields import METHOD
 from paddlectl.registry.names import nearest, shown
-from paddlectl.tasks.base import Task
+
+if TYPE_CHECKING:
+    from paddlectl.tasks.base import Task
 
 
 class Entry(NamedTuple):
@@ -72,6 +74,30 @@ METHODS: Mapping[str, Entry] = {
         (),
         frozenset({"continuous"}),
     ),
+    "cup": Entry(
+        "paddlectl.methods.cup:CUP",
+        "the critic picks the source of largest advantage in each state, and the target is drawn to it",
+        ("ppo", "td3"),
+        _ANY,
+    ),
+    "ptf": Entry(
+        "paddlectl.methods.ptf:PTF",
+        "options over flat sources decide which of them PPO or TD3 imitates, less and less",
+        ("ppo", "td3"),
+        _ANY,
+    ),
+    "qmp": Entry(
+        "paddlectl.methods.qmp:QMP",
+        "a DQN or TD3; of its own action and its sources' the one of largest Q is executed",
+        ("ppo", "td3"),
+        _ANY,
+    ),
+    "componet": Entry(
+        "paddlectl.methods.componet:COMPONET",
+        "a new policy over PPO attends to the outputs of frozen ones and adds its own",
+        ("ppo",),
+        frozenset({"discrete"}),
+    ),
 }
 
 MADE_AS = {"random": "hdm"}
@@ -85,25 +111,32 @@ def names() -> tuple[str, ...]:
     return (*METHODS, *PLUGINS.names())
 
 
+def alone() -> tuple[str, ...]:
+    """The names of those that reuse nothing."""
+    return tuple(name for name, entry in usable().items() if not entry.teaches)
+
+
 def known(name: str) -> bool:
     """Whether there is a method of that name."""
     return name in METHODS or name in PLUGINS
 
 
-def entry_of(name: str) -> Entry:
+ALONE = tuple(name for name, entry in METHODS.items() if not entry.teaches)
+"""Those built in that reuse nothing: a source can be trained by them."""
+
+
+def entry_of(name: str, offered: Callable[[], Sequence[str]] = names) -> Entry:
     """What is known of the method of that name.
 
     Raises:
-        UsageError: If there is none; with the nearest name.
+        UsageError: If there is none; with the nearest name of those that are offered.
         PaddlectlError: If it is a plug-in's that can't be used.
     """
     if name in METHODS:
         return METHODS[name]
     if name not in PLUGINS:
-        all_names = names()
-        raise UsageError(
-            f"unknown method {shown(name)}", f"{nearest(name, all_names)}one of: {', '.join(all_names)}"
-        )
+        near = nearest(name, offered())
+        raise UsageError(f"unknown method {shown(name)}", f"{near}one of: {', '.join(offered())}")
     with PLUGINS.using(name) as found:
         entry: Entry = found
         require_kind(entry, Entry)
@@ -122,7 +155,7 @@ def usable() -> dict[str, Entry]:
     return found
 
 
-def teacher_of(name: str, task: Task) -> str | None:
+def teacher_of(name: str, task: "Task") -> str | None:
     """The method whose policies that one reuses on a task; None if it reuses none.
 
     Raises:
@@ -133,20 +166,20 @@ def teacher_of(name: str, task: Task) -> str | None:
     return fitting[0] if fitting else None
 
 
-def require_actions(name: str, task: Task) -> None:
+def require_actions(name: str, task: "Task", offered: Callable[[], Sequence[str]] = names) -> None:
     """Refuses a task whose actions the method can't choose.
 
     Raises:
-        UsageError: If it can't, or if there is no such method.
+        UsageError: If it can't, or if there is no such method; with those of the offered that can.
     """
-    known, kind = entry_of(name).actions, _actions(task)
+    known, kind = entry_of(name, offered).actions, _actions(task)
     if kind not in known:
-        others = [other for other, entry in usable().items() if kind in entry.actions]
+        others = [other for other, entry in usable().items() if other in offered() and kind in entry.actions]
         raise UsageError(
             f"{name} chooses {', '.join(known)} actions; those of {task.name} are {kind}",
             f"take another method: {', '.join(others)}",
         )
 
 
-def _actions(task: Task) -> str:
+def _actions(task: "Task") -> str:
     return "continuous" if task.make(1, 0).actions.continuous else "discrete"

@@ -8,6 +8,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ class HDQNSettings:
     lanes: int = 64
     block: int = 32
     repeat: int = 1
-    meta: DQNSettings = field(default_factory=DQNSettings)
+    meta: DQNSettings = field(default_factory=partial(DQNSettings, capacity=20_000))  # kept in checkpoints
     discounts: ClauseSettings = field(default_factory=ClauseSettings)
     low_level: LearnerSettings = field(default_factory=PPOSettings)
     decisions: DecisionSettings = field(default_factory=DecisionSettings)

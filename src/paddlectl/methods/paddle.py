@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from paddlectl.agents.base import Episode, Tables
+from paddlectl.agents.base import Episode, ReuseRow, Tables
 from paddlectl.hybrid.agent import HybridAgent
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, settings_for, settings_from
 from paddlectl.learners.base import Learner
@@ -53,6 +53,21 @@ class PaddleAgent(HybridAgent):
         self._frames = frames
         self._phase, self._since, self._now = "early", 0, 0
         self._trace: dict[str, Any] = {}
+
+    def reuse(self) -> Sequence[ReuseRow]:
+        """Who led in the phase so far; ψ, Φ and Λ as of now."""
+        return [
+            ReuseRow(
+                row["frames"],
+                tuple(row["scene"]),
+                row["policy"],
+                {"ψ": row["similarity"], "Φ": row["performance"]},
+                row["weight"],
+                row["chosen"],
+                row["reached"],
+            )
+            for row in self._account.weights(self._phase, self._now)
+        ]
 
     def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
         """The weights at the end of the early phase."""

@@ -7,6 +7,7 @@ from typing import Any
 def card(config: dict[str, Any], results: dict[str, Any], files: list[str]) -> str:
     """The card's Markdown, its metadata in front as YAML; values are JSON, which YAML reads too."""
     run, policy = config["run"], config["policy"]
+    symbolic, prolog = ("  - neuro-symbolic\n", _PROLOG) if "program.pl" in files else ("", "")
     task = run["task"]
     figures = results["policy"] or results["run"]
     numbers = {name: value for name, value in figures.items() if type(value) in (int, float)}
@@ -32,8 +33,7 @@ model-index:
 library_name: paddlectl
 tags:
   - reinforcement-learning
-  - neuro-symbolic
-  - {json.dumps(run["method"])}
+{symbolic}  - {json.dumps(run["method"])}
   - {json.dumps(task)}
 {index if metrics else ""}---
 
@@ -47,8 +47,7 @@ tags:
 | file | holds |
 |---|---|
 {"".join(f"| `{name}` | {_HOLDS.get(name, 'a table or document of the run')} |{chr(10)}" for name in files)}
-Use it: `paddlectl registry import FILE`, then `paddlectl evaluate {_plain(task)}`. The program runs in any
-Prolog as well: `program.pl` says how.
+Use it: `paddlectl registry import FILE`, then `paddlectl evaluate {_plain(task)}`.{prolog}
 """
 
 
@@ -63,6 +62,8 @@ def _plain(text: object) -> str:
     """Text without anything that Markdown or HTML would read into it."""
     return "".join(c if c.isalnum() or c in " _-.,:" else "?" for c in str(text))
 
+
+_PROLOG = " The program runs in any\nProlog as well: `program.pl` says how."
 
 _HOLDS = {
     "README.md": "this card",

@@ -134,9 +134,14 @@ def sync_files(folder: Path) -> None:
             os.fsync(file.fileno())
 
 
+def is_name(text: str) -> bool:
+    """Whether a run's table or document may be called that."""
+    return _NAME.fullmatch(text) is not None
+
+
 def file_of(folder: Path, name: str, suffix: str) -> Path:
     """Where the run's table (`jsonl`) or document (`json`) of that name stands."""
-    if not _NAME.fullmatch(name):
+    if not is_name(name):
         raise ValueError(f"not a name for a run's file: {name!r}")
     return folder / f"{name}.{suffix}"
 

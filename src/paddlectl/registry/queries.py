@@ -68,7 +68,9 @@ def _like(connection: Connection, table: Table, kind: str, name: str) -> list[st
     return [f"{kind}-{number}" for number in connection.scalars(select(table.c.id).where(chosen))]
 
 
-def best_policy(connection: Connection, task: str, method: str | None = None) -> PolicyRecord:
+def best_policy(
+    connection: Connection, task: str, method: str | None = None, *, clauses: bool = False
+) -> PolicyRecord:
     """The best policy of a task: by success rate, then by mean score, then the newest.
 
     Raises:
@@ -79,14 +81,20 @@ def best_policy(connection: Connection, task: str, method: str | None = None) ->
     found = select(policies).where(c.task == task).order_by(*best_first).limit(1)
     if method is not None:
         found = found.where(c.method == method)
+    if clauses:
+        found = found.where(c.program.is_not(None))
     row = connection.execute(found).first() if task.isprintable() else None  # others can't even be asked for
     if row is None:
-        raise NotFoundError(f"no policy for {shown(task)}", _way_to_policy(connection, task))
+        by = f" by {method}" if method else ""
+        raise NotFoundError(f"no policy for {shown(task)}{by}", _way_to_policy(connection, task, method))
     return policy_record(row)
 
 
-def _way_to_policy(connection: Connection, task: str) -> str:
-    solved = [str(name) for name in connection.scalars(select(policies.c.task).distinct())]
+def _way_to_policy(connection: Connection, task: str, method: str | None) -> str:
+    tasks = select(policies.c.task).distinct()
+    if method is not None:
+        tasks = tasks.where(policies.c.method == method)
+    solved = [str(name) for name in connection.scalars(tasks)]
     # A high bar: many tasks have names that are alike, and this one may only lack a policy.
     near = nearest(task, solved, 0.85)
     return f"{near}run: paddlectl policies" if near or is_id(task) else f"run: paddlectl train {shown(task)}"

@@ -89,9 +89,8 @@ def _desired(report: Report, told: Repaired) -> Rows:
     """The rows that the index shall have, runs first."""
     lost = {finding.where for finding in report.faults if finding.kind in _LOST}
     leftover = {finding.where for finding in report.findings if finding.kind == "leftover"}
-    names = sorted(
-        {*report.rows, *report.manifests} - leftover, key=lambda name: (name[0] != "r", _number(name))
-    )
+    named = {name for name in report.rows if is_id(name)}  # pages of zeros read as rows of number 0
+    names = sorted({*named, *report.manifests} - leftover, key=lambda name: (name[0] != "r", _number(name)))
     rows: Rows = {}
     for name in names:
         row = _better(name, report.rows.get(name), report.manifests.get(name))

@@ -82,6 +82,14 @@ class RunFiles:
         """
         return self._read(run, name, "json", documents.document_of)
 
+    def document_names(self, run: str) -> list[str]:
+        """The run's documents, also such as are missing though they were sealed, by name."""
+        with faults(self.shown):
+            sealed = manifests.read(self.folder, run).files or {}
+            found = [*layout.run_files(self.folder, run), *map(Path, sealed)]
+        names = {path.stem for path in found if path.suffix == ".json"}
+        return sorted(filter(documents.is_name, names))
+
     # Checkpoints of a run that goes on
 
     def save_checkpoint(self, run: str, document: Any, arrays: bytes) -> None:

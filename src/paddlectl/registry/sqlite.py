@@ -97,7 +97,10 @@ class SqliteDatabase:
         with closing(_connect(self.path)) as connection:
             found = [str(row[0]) for row in connection.execute("PRAGMA integrity_check(20)")]
             orphans = len(connection.execute("PRAGMA foreign_key_check").fetchall())
+            page = connection.execute("PRAGMA page_size").fetchone()[0]
         told = [] if found == ["ok"] else found
+        if self.path.stat().st_size % page:  # SQLite reads zeros there
+            told.append("its last page is cut off")
         return [*told, f"{orphans} rows whose run is missing"] if orphans else told
 
     def _aside(self, label: str) -> Path:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from sqlalchemy import Connection, select, update
+from sqlalchemy import Connection, func, select, update
 
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry import documents, fields, identity, layout, objects
@@ -24,7 +24,7 @@ from paddlectl.registry.records import RUN_STATES, Label, PolicyRecord, RunRecor
 from paddlectl.registry.schema import REVISIONS, policies, policy_records, run_records, runs, select_runs
 from paddlectl.registry.sqlite import SqliteDatabase
 
-Which = Literal["policies", "transfers", "ended", "stopped"]
+Which = Literal["policies", "programs", "transfers", "ended", "stopped"]
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _PLACES = "give a folder, or postgresql://…?files=FOLDER"
 
@@ -275,9 +275,10 @@ class Registry(Entry):
             self._publish(connection, f"policy-{number}")
             return find_policy(connection, number)
 
-    def policy(self, name: str, method: str | None = None) -> PolicyRecord:
+    def policy(self, name: str, method: str | None = None, *, clauses: bool = False) -> PolicyRecord:
         """The policy of an id such as `policy-7`, or the best one of a task, of one method or of all.
 
+        `clauses` asks of the task's policies only for such as have a program.
         The best has the highest success rate, then the highest mean score, then it is the newest.
 
         Raises:
@@ -287,7 +288,14 @@ class Registry(Entry):
             number = number_of(name, "policy")
             if number is not None:
                 return find_policy(connection, number)
-            return best_policy(connection, name, method)
+            return best_policy(connection, name, method, clauses=clauses)
+
+    def newest_by_seed(self, task: str, method: str) -> dict[int, str]:
+        """Seed -> id of the newest policy of a task that was learned with it, by one method."""
+        c = policies.c
+        newest = select(c.seed, func.max(c.id)).where(c.task == task, c.method == method).group_by(c.seed)
+        with self._transaction(self._reading) as connection:
+            return {int(seed): f"policy-{number}" for seed, number in connection.execute(newest)}
 
     def policies(self) -> list[PolicyRecord]:
         """All policies, newest first."""
@@ -310,10 +318,15 @@ class Registry(Entry):
             return [str(task) for task in connection.scalars(tasks)]
 
     def labels(self, which: Which) -> list[Label]:
-        """Of policies, of transfers, of runs that have ended, or of such as can be resumed; newest first."""
-        c, kind = (policies.c, "policy") if which == "policies" else (runs.c, "run")
+        """Of policies, of those with clauses, of transfers, of runs that have ended, or that can be resumed.
+
+        The newest come first.
+        """
+        c, kind = (policies.c, "policy") if which in ("policies", "programs") else (runs.c, "run")
         rows = select(c.id, c.method, c.task).order_by(c.id.desc())
         match which:
+            case "programs":
+                rows = rows.where(policies.c.program.is_not(None))
             case "transfers":
                 rows = rows.where(c.kind == "transfer")
             case "ended":
@@ -334,8 +347,14 @@ class Registry(Entry):
             IntegrityError: If they are missing or aren't what was stored.
         """
         with faults(self.shown):
-            hint = f"train it again: paddlectl train {policy.task}"
+            hint = self.way_again(policy)
             return objects.read(self.folder / "objects", policy.checkpoint, policy.id, hint)
+
+    def way_again(self, policy: PolicyRecord) -> str:
+        """A hint: how such a policy is learned anew, by its own method if that trains sources."""
+        own = policy.program is None and self.run(policy.run).kind == "train"
+        by = f" --method {policy.method}" if own else ""
+        return f"train it again: paddlectl train {policy.task}{by}"
 
     @contextmanager
     def alone(self) -> Iterator[frozenset[str]]:

@@ -9,10 +9,11 @@ from rich.console import RenderableType
 
 from paddlectl.registry.records import RunRecord
 from paddlectl.report.explanation import PHASES, TARGET
+from paddlectl.report.followed import document_parts, followed_parts, shown_contexts
 from paddlectl.report.grid import Grid, Head, Heading, Prose, Row
-from paddlectl.report.mapping import Labels, labels_of, legend, mapping_table, scene_text
+from paddlectl.report.mapping import Labels, labels_for, legend, mapping_table, scene_text, source_text
 from paddlectl.report.output import clean
-from paddlectl.report.programs import minimised_grid
+from paddlectl.report.programs import minimised_grid, program_parts
 from paddlectl.report.tables import figure, percent, tenths
 
 RARE = 0.002  # share of all decisions below which a scene is only counted
@@ -52,15 +53,18 @@ Document = Mapping[str, Any]
 
 def explanation_parts(document: Document, run: RunRecord) -> list[RenderableType]:
     """Everything, from what the run was to its traced episodes."""
-    labels = labels_of(document["mapping"]) if document["mapping"] else Labels({})
+    labels = labels_for(document)
     scenes = scenes_met(document["weights"])
+    reuse, documents = document["reuse"], document["documents"]
     return [
         *_header(run, labels),
         *_legend(document),
         *_program(document["program"], run),
         *_psi(document["mapping"], scenes, labels),
+        *document_parts(documents, labels),
         *(_guidance(document, scenes, labels) if scenes else ()),
-        *(_alone(run) if not scenes and not document["trace"] else ()),
+        *(followed_parts(reuse, labels) if reuse else ()),
+        *(_alone(run, documents) if not (scenes or reuse or document["trace"]) else ()),
         *_episodes(document, labels),
     ]
 
@@ -68,7 +72,7 @@ def explanation_parts(document: Document, run: RunRecord) -> list[RenderableType
 def _header(run: RunRecord, labels: Labels) -> list[RenderableType]:
     results = run.results
     told = [f"{name} {written(results[field])}" for name, field, written in FIGURES if field in results]
-    sources = ", ".join(f"{labels(source)} ({clean(source)})" for source in run.sources) or "no sources"
+    sources = ", ".join(source_text(source, labels) for source in run.sources) or "no sources"
     return [
         clean(f"{run.id}: {run.method} on {run.task}, seed {run.seed}, {run.frames:,} frames, {run.status}"),
         f"sources: {sources}",
@@ -77,7 +81,7 @@ def _header(run: RunRecord, labels: Labels) -> list[RenderableType]:
 
 
 def _legend(document: Document) -> list[RenderableType]:
-    bodies = [row["scene"] for row in document["weights"]]
+    bodies = [*(row["scene"] for row in document["weights"]), *shown_contexts(document["reuse"])]
     for program in (document["program"], *document["source_programs"]):
         bodies += [clause["body"] for clause in program["clauses"]] if program else []
     return [legend(bodies)] if bodies else []
@@ -88,6 +92,8 @@ def _program(program: Document | None, run: RunRecord) -> list[RenderableType]:
     if program is None:
         told = f"No policy was stored: the run is {clean(run.status)}."
         return [heading, told, f"run: paddlectl {'runs' if run.status == 'running' else f'resume {run.id}'}"]
+    if not program["clauses"]:
+        return [heading, *program_parts(program)]
     return [
         heading,
         _program_table(program["clauses"]),
@@ -248,14 +254,15 @@ def _best_heads(clauses: Iterable[Document]) -> dict[tuple[str, ...], str]:
     return {tuple(clause["body"]): clause["head"] for clause in rising}
 
 
-def _alone(run: RunRecord) -> list[RenderableType]:
+def _alone(run: RunRecord, documents: Document) -> list[RenderableType]:
     """Why nothing is told of guides, and what tells how it plays."""
-    if run.method == "hdm":
-        told = "hdm learns from scratch: there were no guides to choose from, and no episode was kept."
-    else:
-        told = "No decision was recorded: the run ended before there was one."
+    why = "there were no guides to choose from, and no episode was kept."
+    told = [f"{clean(run.method)} learns from scratch: {why}"] if not run.sources else []
+    if run.sources and not documents:
+        told = ["No choice among its sources was recorded."]
     way = f"How it does on unseen layouts: paddlectl evaluate {run.policy}"
-    return [Heading("Guidance"), told, *([way] if run.policy else [])]
+    parts = [*told, *([way] if run.policy else [])]
+    return [Heading("Guidance"), *parts] if parts else []
 
 
 def _guidance(document: Document, scenes: Sequence[SceneMet], labels: Labels) -> list[RenderableType]:

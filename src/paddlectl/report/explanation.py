@@ -1,5 +1,6 @@
 """Why a transfer acted as it did, as one document made from what the run left; nothing is computed again."""
 
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,6 +12,8 @@ from paddlectl.report.programs import program_document
 
 TARGET = "target"
 PHASES = ("early", "late")
+MOST_TERMS = 12
+"""Of one row of `reuse`."""
 
 # What a run writes: the fields of each kind of row, and what their values are. Older runs lack those of MORE.
 _MAPPING = {"target": str, "sources": [str], "scenes": list}
@@ -30,12 +33,26 @@ _DECISION = {
     "reached": bool,
 }
 _DECISION_MORE = {"rule": str, "cut": bool}
+_REUSE = {
+    "frames": int,
+    "context": [str],
+    "source": str,
+    "terms": {str: float},
+    "weight": float,
+    "chosen": int,
+    "reached": int | None,
+}
+_OWN_TEXT = {"mapping", "trace"}  # documents that are told each in a way of its own
+
+_COUNT = range(2**63)
+_LARGEST = sys.float_info.max
 
 
 def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
     """The fields that `explain --json` promises, and the scores of the two traced episodes.
 
-    `program` and `sources` are programs as `show` gives them; `program` is null if the run stored no policy.
+    `program` and `source_programs` are programs as `show` gives them; `program` is null if the run stored no
+    policy. `reuse` has the rows of `agents.base.ReuseRow`, `documents` what else the method has to tell.
 
     Raises:
         IntegrityError: If a file of the run isn't what a run writes.
@@ -43,7 +60,13 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
     mapping = registry.read_document(run.id, "mapping")
     weights = registry.read_rows(run.id, "weights")
     trace = registry.read_document(run.id, "trace") or {}
+    reuse = registry.read_rows(run.id, "reuse")
+    others = [name for name in registry.document_names(run.id) if name not in _OWN_TEXT]
+    told = {name: registry.read_document(run.id, name) for name in others}
     _check(run.id, mapping, weights, trace)
+    _check_reuse(run, reuse)
+    for name, document in told.items():
+        _demand(run.id, f"{name}.json", [document], {})
     return {
         "run": run.id,
         "method": run.method,
@@ -57,6 +80,8 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
         ],  # those of an imported run are elsewhere
         "mapping": mapping,
         "weights": weights,
+        "reuse": reuse,
+        "documents": told,
         "trace": [{"phase": phase, **decision} for phase in PHASES for decision in trace.get(phase, ())],
         "trace_scores": {phase: trace.get(f"score_{phase}") for phase in PHASES},
     }
@@ -78,6 +103,14 @@ def _check(run: str, mapping: Any, weights: Any, trace: Any) -> None:
             _demand(run, "trace.json", decision["weights"], _WEIGHING)
 
 
+def _check_reuse(run: RunRecord, rows: Any) -> None:
+    """Nobody is followed but the run's sources and the target."""
+    _demand(run.id, "reuse.jsonl", rows, _REUSE)
+    known = {TARGET, *(source.removeprefix(ELSEWHERE) for source in run.sources)}
+    if not all(row["source"] in known and len(row["terms"]) <= MOST_TERMS for row in rows):
+        raise _strange(run.id, "reuse.jsonl")
+
+
 def _demand(
     run: str, file: str, rows: Any, fields: Mapping[str, Any], more: Mapping[str, Any] | None = None
 ) -> None:
@@ -89,13 +122,17 @@ def _demand(
         for row in rows
     )
     if not sound:
-        raise IntegrityError(f"{file} of {run} isn't what a run writes", "run that transfer again")
+        raise _strange(run, file)
+
+
+def _strange(run: str, file: str) -> IntegrityError:
+    return IntegrityError(f"{file} of {run} isn't what a run writes", "run that transfer again")
 
 
 def _is(kind: Any, value: Any) -> bool:
     """Whether a JSON value is of a kind: a type, `[kind]` for a list of them, `{str: kind}` for an object.
 
-    An int is a float too.
+    An int is a float too. No int is a negative one or longer than 63 bits, and no float is infinite.
     """
     if isinstance(kind, dict):
         return isinstance(value, dict) and all(_is(kind[str], item) for item in value.values())
@@ -103,4 +140,6 @@ def _is(kind: Any, value: Any) -> bool:
         return isinstance(value, list) and all(_is(kind[0], item) for item in value)
     if isinstance(value, bool):
         return kind is bool
-    return isinstance(value, (int, float) if kind is float else kind)
+    if kind is float:
+        return isinstance(value, int | float) and -_LARGEST <= value <= _LARGEST
+    return isinstance(value, kind) and not (isinstance(value, int) and value not in _COUNT)

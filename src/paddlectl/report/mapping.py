@@ -5,6 +5,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
+from paddlectl.registry.names import ELSEWHERE
 from paddlectl.report.grid import Grid, Head, Row
 from paddlectl.report.output import clean
 
@@ -42,14 +43,34 @@ class Labels:
         return clean(f"{task} ({policy})" if alike else task)
 
 
-def labels_of(document: Mapping[str, Any]) -> Labels:
+def labels_for(explanation: Mapping[str, Any]) -> Labels:
+    """Those of a run's sources; of an imported run's, their ids elsewhere."""
+    elsewhere = {_there(source): source for source in explanation["sources"] if source.startswith(ELSEWHERE)}
+    here = {program["policy"]: program["task"] for program in explanation["source_programs"]}
+    mapped = _tasks_of(explanation["mapping"]) if explanation["mapping"] else {}
+    return Labels({**elsewhere, **here, **mapped})
+
+
+def source_text(source: str, labels: Labels) -> str:
+    """A run's source by its task, if that is known, and its id."""
+    name = labels(_there(source))
+    return name if source in name else f"{name} ({clean(source)})"
+
+
+def _there(source: str) -> str:
+    """A source's id as its run knows it."""
+    return source.removeprefix(ELSEWHERE)
+
+
+def _tasks_of(document: Mapping[str, Any]) -> dict[str, str]:
+    """The task of each source of Ψ."""
     matches = (match for scene in document["scenes"] for match in scene["matches"])
-    return Labels({match["policy"]: match["task"] for match in matches})
+    return {match["policy"]: match["task"] for match in matches}
 
 
 def mapping_parts(document: Mapping[str, Any]) -> list[RenderableType]:
     """All of Ψ."""
-    labels = labels_of(document)
+    labels = Labels(_tasks_of(document))
     sources = ", ".join(f"{labels(policy)} ({clean(policy)})" for policy in document["sources"])
     return [
         f"Ψ of {clean(document['target'])} from {sources}",

@@ -1,6 +1,6 @@
 """A policy's program: as a document, and for people."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rich.console import RenderableType
@@ -65,7 +65,7 @@ def unmet_scenes(program: Program) -> tuple[Body, ...]:
     return tuple(body for body in scenes(atoms) if body not in met)
 
 
-def program_parts(document: dict[str, Any]) -> list[RenderableType]:
+def program_parts(document: Mapping[str, Any]) -> list[RenderableType]:
     """The raw program with its probabilities, and the minimised one."""
     if not document["clauses"]:
         return [f"{clean(document['policy'])} for {clean(document['task'])} has no clause program."]

@@ -37,6 +37,11 @@ def figure(value: Any) -> str:
     return "–" if value is None else f"{value:.2f}"
 
 
+def significant(value: Any) -> str:
+    """Of a size that isn't known beforehand."""
+    return "–" if value is None else f"{value:.3g}"
+
+
 def tenths(value: Any) -> str:
     return "–" if value is None else f"{value:.1f}"
 

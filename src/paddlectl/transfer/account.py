@@ -31,6 +31,8 @@ class Account:
         Of several matches of one source the row shows the best, at the level of progress that the scene
         came up with most; the counts are over all of them.
         """
+        if not self._chooser.decisions.any():
+            return
         weighing, dropped = self._chooser.weigh(), self._chooser.dropped()
         by_scene = self._chooser.decisions.reshape(-1, LEVELS)
         for scene in np.flatnonzero(by_scene.sum(-1)):

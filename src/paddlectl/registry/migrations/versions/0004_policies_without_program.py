@@ -15,7 +15,8 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Demands both."""
+    """Demands both; where they are missing, an empty program and a crispness of 0 stand in for them."""
+    op.execute("UPDATE policies SET program = coalesce(program, ''), crispness = coalesce(crispness, 0.0)")
     _alter(nullable=False)
 
 

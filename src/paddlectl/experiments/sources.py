@@ -1,0 +1,149 @@
+"""Which policies a scenario reuses: those that it names, and of its tasks the best, or that of each seed."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from paddlectl import whole
+from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.experiments.jobs import TrainJob
+from paddlectl.methods.catalogue import teacher_of
+from paddlectl.registry.names import number_of
+from paddlectl.registry.records import PolicyRecord
+from paddlectl.registry.store import Registry
+from paddlectl.scenario import Scenario
+from paddlectl.tasks.base import Task
+from paddlectl.tasks.suite import known, load
+
+ANY = 0
+"""The seed to learn with where any will do."""
+
+
+class Sources(NamedTuple):
+    """The sources of a scenario's transfers.
+
+    Attributes:
+        ids: Seed of the transfer -> ids of its sources, in the scenario's order; empty if any is missing.
+        missing: What would learn the policies that the registry lacks.
+        paired: Whether their seeds matter.
+    """
+
+    ids: Mapping[int, tuple[str, ...]]
+    missing: Sequence[TrainJob]
+    paired: bool
+
+    def required(self) -> Mapping[int, tuple[str, ...]]:
+        """The ids.
+
+        Raises:
+            NotFoundError: If a policy is missing; with the command that learns all of them.
+        """
+        if self.missing:
+            told = [f"{', '.join(tasks)}{self._with(seeds)}" for seeds, tasks in self._groups().items()]
+            raise NotFoundError(
+                f"no policy for {' and '.join(told)} by {self.missing[0].method}", f"run: {self.command()}"
+            )
+        return self.ids
+
+    def command(self) -> str:
+        """What a user types to learn all that is missing."""
+        method = self.missing[0].method
+        by = "" if method == TrainJob.method else f" --method {method}"
+        return ", then ".join(
+            f"paddlectl train {' '.join(tasks)}{self._option(seeds)}{by}"
+            for seeds, tasks in self._groups().items()
+        )
+
+    def _groups(self) -> dict[tuple[int, ...], list[str]]:
+        """The seeds that tasks lack -> those tasks."""
+        lacking: dict[str, list[int]] = {}
+        for job in self.missing:
+            lacking.setdefault(job.task, []).append(job.seed)
+        groups: dict[tuple[int, ...], list[str]] = {}
+        for task, seeds in lacking.items():
+            groups.setdefault(tuple(seeds), []).append(task)
+        return groups
+
+    def _with(self, seeds: tuple[int, ...]) -> str:
+        return f" with seed{'s' * (len(seeds) > 1)} {whole.ranges(seeds)}" if self.paired else ""
+
+    def _option(self, seeds: tuple[int, ...]) -> str:
+        return f" --seed{'s' * (len(seeds) > 1)} {whole.ranges(seeds)}" if self.paired else ""
+
+
+def resolve(registry: Registry, scenario: Scenario, method: str, seeds: Sequence[int]) -> Sources:
+    """The policies that a scenario's transfers by a method reuse, each learned by the method that teaches it.
+
+    A paired seed reuses the newest policy of each task that was learned with that seed.
+
+    Raises:
+        NotFoundError: If there is no policy of an id that the scenario names.
+        UsageError: If that policy can't be reused, or is the best one of a task beside it; or if there is no
+            such method, or it can't learn the target.
+    """
+    target = load(scenario.target)
+    teaches = teacher_of(method, target)
+    if teaches is None:
+        return Sources(dict.fromkeys(seeds, ()), (), scenario.paired)
+    if scenario.paired:
+        known = {task: registry.newest_by_seed(task, teaches) for task in scenario.source_names}
+        return _sources(scenario, teaches, seeds, known)
+    solved = registry.solved(method=teaches)
+    ids: dict[str, str] = {}
+    for name in scenario.source_names:
+        if number_of(name, "policy") is not None:
+            ids[name] = _named(registry, name, target, method, teaches).id
+        elif name in solved:
+            ids[name] = registry.policy(name, teaches).id
+    _require_distinct(ids)
+    known = {
+        name: dict.fromkeys((*seeds, ANY), ids[name]) if name in ids else {} for name in scenario.source_names
+    }
+    return _sources(scenario, teaches, seeds, known)
+
+
+def unlearned(scenario: Scenario, teaches: str, seeds: Sequence[int]) -> Sources:
+    """The same where there is no registry yet: all tasks are missing."""
+    tasks = [name for name in scenario.source_names if number_of(name, "policy") is None]
+    return _sources(scenario, teaches, seeds, {task: {} for task in tasks})
+
+
+def _sources(
+    scenario: Scenario, teaches: str, seeds: Sequence[int], known: Mapping[str, Mapping[int, str]]
+) -> Sources:
+    """From the ids that are known of each name, by seed."""
+    missing = [
+        TrainJob(name, seed, method=teaches)
+        for seed in (seeds if scenario.paired else (ANY,))
+        for name in known
+        if seed not in known[name]
+    ]
+    ids = {} if missing else {seed: tuple(by_seed[seed] for by_seed in known.values()) for seed in seeds}
+    return Sources(ids, missing, scenario.paired)
+
+
+def _named(registry: Registry, name: str, target: Task, method: str, teaches: str) -> PolicyRecord:
+    """The policy of an id, if the method can reuse it on the target."""
+    policy = registry.policy(name)
+    if not known(policy.task):
+        raise UsageError(f"{name} solves {policy.task}, which is no task here", "run: paddlectl policies")
+    if policy.domain != target.domain:
+        raise UsageError(
+            f"{name} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}",
+            "run: paddlectl policies",
+        )
+    if policy.method != teaches:
+        by = f"{name} was learned by {policy.method}; {method} reuses what {teaches} learned"
+        if policy.task in registry.solved(method=teaches):
+            raise UsageError(by, f"name {registry.policy(policy.task, teaches).id} instead")
+        learn = Sources({}, [TrainJob(policy.task, ANY, method=teaches)], False).command()
+        raise UsageError(by, f"name {policy.task} instead, and run: {learn}")
+    return policy
+
+
+def _require_distinct(ids: Mapping[str, str]) -> None:
+    for task, policy in ids.items():
+        if task != policy and policy in ids:
+            raise UsageError(
+                f"{policy} is the best policy for {task}: it would be reused twice",
+                f"name {policy} or {task} alone",
+            )
