@@ -5,7 +5,6 @@ only who uses it.
 """
 
 import sys
-import traceback
 from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from functools import cache
@@ -117,6 +116,8 @@ def _points_on(group: str, path: tuple[str, ...]) -> "list[EntryPoint]":
 
 def _told(error: BaseException) -> str:
     """An error in a line, with the place outside the package where it was raised, if it was."""
+    import traceback
+
     ours = Path(__file__).parent
     frames = [
         frame

@@ -15,7 +15,7 @@ import pytest
 
 from paddlectl import plugins
 from paddlectl.cli.options import complete_tasks
-from paddlectl.errors import NotFoundError, PaddlectlError
+from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import job_of, resume
@@ -247,11 +247,11 @@ def test_what_a_plug_in_left_can_be_kept_without_it(
     assert told.code == 0
     told = command("evaluate", "CoinCorridor")
     assert (told.code, told.err) == (
-        4,
-        "error: policy-1 needs what isn't installed: no task CoinCorridor\n"
-        "install the plug-in that it was made with\n",
+        5,
+        "error: policy-1 was learned on CoinCorridor, which this version doesn't have\n"
+        "use the version of paddlectl that learned it, or install the plug-in\n",
     )
-    with pytest.raises(NotFoundError, match="run-2 needs what isn't installed: no task CoinCorridor"):
+    with pytest.raises(IntegrityError, match="run-2 was learned on CoinCorridor, which"):
         job_of(left_behind.run("run-2"))
 
 
@@ -259,7 +259,7 @@ def test_a_method_that_is_gone_is_told_like_a_task(left_behind: Registry, toys: 
     text = (toys / "toys-1.0.dist-info" / "entry_points.txt").read_text()
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(distribution(toys / "rest", text.partition("[paddlectl.methods]")[0], "rest"))
-        with pytest.raises(NotFoundError, match="run-2 needs what isn't installed: unknown method climb"):
+        with pytest.raises(IntegrityError, match="run-2 was learned by climb, which"):
             job_of(left_behind.run("run-2"))
 
 

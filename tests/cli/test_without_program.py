@@ -187,10 +187,10 @@ def test_a_method_of_another_version_is_told(flat: Registry, command: Command) -
     with flat.mending() as connection:
         connection.execute(update(policies).values(method="tomorrow"))
     answer = command("evaluate", "policy-1")
-    assert answer.code == 4
+    assert answer.code == 5
     assert answer.err.splitlines() == [
-        "error: policy-1 needs what isn't installed: unknown method tomorrow",
-        "install the plug-in that it was made with",
+        "error: policy-1 was learned by tomorrow, which this version doesn't have",
+        "use the version of paddlectl that learned it, or install the plug-in",
     ]
 
 

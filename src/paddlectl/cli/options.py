@@ -58,11 +58,13 @@ def complete_scenarios(incomplete: str) -> list[str]:
     return [name for name in scenario_files(incomplete) if name.startswith(incomplete)]
 
 
-def one_of(names: Iterable[str]) -> Callable[[str], list[str]]:
-    """A completion of these names."""
+def one_method_of(names: Iterable[str]) -> Callable[[str], list[str]]:
+    """A completion of these names, and of the methods of plug-ins, none of which is imported for it."""
 
     def complete(incomplete: str) -> list[str]:
-        return [name for name in names if name.startswith(incomplete)]
+        from paddlectl.methods.catalogue import PLUGINS
+
+        return [name for name in (*names, *PLUGINS.names()) if name.startswith(incomplete)]
 
     return complete
 

@@ -14,7 +14,7 @@ from paddlectl.cli.options import (
     RegistryPlace,
     chosen_seeds,
     complete_tasks,
-    one_of,
+    one_method_of,
 )
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.methods.catalogue import ALONE
@@ -56,7 +56,7 @@ def train(
     ] = None,
     method: Annotated[
         str,
-        typer.Option(metavar="M", autocompletion=one_of(ALONE), help=f"By which: {', '.join(ALONE)}."),
+        typer.Option(metavar="M", autocompletion=one_method_of(ALONE), help=f"By which: {', '.join(ALONE)}."),
     ] = "hdm",
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,

@@ -17,7 +17,7 @@ from paddlectl.cli.options import (
     chosen_seeds,
     complete_scenarios,
     file_at,
-    one_of,
+    one_method_of,
 )
 from paddlectl.errors import NotFoundError
 from paddlectl.methods.catalogue import METHODS
@@ -47,7 +47,7 @@ def transfer(
         str | None,
         typer.Option(
             metavar="M",
-            autocompletion=one_of(METHODS),
+            autocompletion=one_method_of(METHODS),
             help=f"Instead of the scenario's: {', '.join(METHODS)}.",
             show_default=False,
         ),
@@ -81,7 +81,8 @@ def transfer(
     scenario = load_scenario(file)
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
     method = method or scenario.method
-    sources = sources_of(scenario, method, chosen, registry, train_missing, jobs)
+    with stdout_kept():
+        sources = sources_of(scenario, method, chosen, registry, train_missing, jobs)
     if any(sources.values()):
         print(plan_of(sources), file=sys.stderr)
     with stdout_kept():

@@ -14,8 +14,9 @@ from paddlectl.agents.evaluation import evaluate as played
 from paddlectl.errors import IntegrityError, NotFoundError, UsageError
 from paddlectl.experiments.log import RunLog
 from paddlectl.logic.syntax import format_program
+from paddlectl.methods import catalogue
 from paddlectl.methods.base import Method, method_of
-from paddlectl.methods.catalogue import MADE_AS
+from paddlectl.registry.names import shown
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Task
@@ -77,9 +78,8 @@ def revive(registry: Registry, record: PolicyRecord) -> Policy:
     """The policy of a record, with its tensors and the settings that it was kept with.
 
     Raises:
-        NotFoundError: If its task or its method isn't there.
         IntegrityError: If the checkpoint isn't what was stored, or of another shape than its task asks for,
-            or if this version can't read its settings, or lacks its method.
+            or if this version can't read its settings, or lacks its task or method.
     """
     task, method = needs_of(record)
     try:
@@ -98,15 +98,23 @@ def needs_of(record: PolicyRecord | RunRecord) -> tuple[Task, Method]:
     """The task and the method of a policy or a run.
 
     Raises:
-        NotFoundError: If one isn't there, as when the plug-in that had it is uninstalled.
+        IntegrityError: If one isn't there, as when the plug-in that had it is uninstalled.
     """
     try:
-        return load(record.task), method_of(MADE_AS.get(record.method, record.method))
-    except (NotFoundError, UsageError) as error:
-        raise NotFoundError(
-            f"{record.id} needs what isn't installed: {error.message}",
-            "install the plug-in that it was made with",
-        ) from error
+        task = load(record.task)
+    except NotFoundError as error:
+        raise _lacking(record, f"on {shown(record.task)}") from error
+    try:
+        return task, method_of(catalogue.MADE_AS.get(record.method, record.method))
+    except UsageError as error:
+        raise _lacking(record, f"by {shown(record.method)}") from error
+
+
+def _lacking(record: PolicyRecord | RunRecord, what: str) -> IntegrityError:
+    return IntegrityError(
+        f"{record.id} was learned {what}, which this version doesn't have",
+        "use the version of paddlectl that learned it, or install the plug-in",
+    )
 
 
 def _require_symbols(record: PolicyRecord, task: Task) -> None:
@@ -156,8 +164,8 @@ def evaluate(registry: Registry, policy: PolicyRecord, task: str, episodes: int,
         The document of `evaluate --json`.
 
     Raises:
-        NotFoundError: If there is no such task, or what the policy needs isn't there.
-        IntegrityError: If the task is of another domain, or the checkpoint isn't what was stored.
+        NotFoundError: If there is no such task.
+        IntegrityError: If the task is of another domain, or the policy can't be revived.
     """
     environment = needs_of(policy)[0] if task == policy.task else load(task)
     if environment.domain != policy.domain:

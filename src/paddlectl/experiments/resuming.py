@@ -43,8 +43,7 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
     """The job that a run was begun with.
 
     Raises:
-        NotFoundError: If its task or its method isn't there.
-        IntegrityError: If this version can't read its settings.
+        IntegrityError: If this version can't read its settings, or lacks its task or method.
     """
     told, (task, method) = run.settings, needs_of(run)
     try:

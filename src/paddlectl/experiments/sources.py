@@ -12,7 +12,7 @@ from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.tasks.base import Task
-from paddlectl.tasks.suite import load, names
+from paddlectl.tasks.suite import known, load
 
 ANY = 0
 """The seed to learn with where any will do."""
@@ -124,7 +124,7 @@ def _sources(
 def _named(registry: Registry, name: str, target: Task, method: str, teaches: str) -> PolicyRecord:
     """The policy of an id, if the method can reuse it on the target."""
     policy = registry.policy(name)
-    if policy.task not in names():
+    if not known(policy.task):
         raise UsageError(f"{name} solves {policy.task}, which is no task here", "run: paddlectl policies")
     if policy.domain != target.domain:
         raise UsageError(

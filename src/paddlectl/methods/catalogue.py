@@ -100,9 +100,6 @@ METHODS: Mapping[str, Entry] = {
     ),
 }
 
-ALONE = tuple(name for name, entry in METHODS.items() if not entry.teaches)
-"""Those of them that reuse nothing."""
-
 MADE_AS = {"random": "hdm"}
 """What stands as method with policies of no method -> the one that makes such policies."""
 
@@ -114,9 +111,18 @@ def names() -> tuple[str, ...]:
     return (*METHODS, *PLUGINS.names())
 
 
+def alone() -> tuple[str, ...]:
+    """The names of those that reuse nothing."""
+    return tuple(name for name, entry in usable().items() if not entry.teaches)
+
+
 def known(name: str) -> bool:
     """Whether there is a method of that name."""
     return name in METHODS or name in PLUGINS
+
+
+ALONE = tuple(name for name, entry in METHODS.items() if not entry.teaches)
+"""Those built in that reuse nothing: a source can be trained by them."""
 
 
 def entry_of(name: str, offered: Callable[[], Sequence[str]] = names) -> Entry:
@@ -129,10 +135,8 @@ def entry_of(name: str, offered: Callable[[], Sequence[str]] = names) -> Entry:
     if name in METHODS:
         return METHODS[name]
     if name not in PLUGINS:
-        chosen = offered()
-        raise UsageError(
-            f"unknown method {shown(name)}", f"{nearest(name, chosen)}one of: {', '.join(chosen)}"
-        )
+        near = nearest(name, offered())
+        raise UsageError(f"unknown method {shown(name)}", f"{near}one of: {', '.join(offered())}")
     with PLUGINS.using(name) as found:
         entry: Entry = found
         require_kind(entry, Entry)
@@ -149,11 +153,6 @@ def usable() -> dict[str, Entry]:
         with suppress(PaddlectlError):
             found[name] = entry_of(name)
     return found
-
-
-def alone() -> tuple[str, ...]:
-    """Those that reuse nothing: a source can be trained by them."""
-    return tuple(name for name, entry in usable().items() if not entry.teaches)
 
 
 def teacher_of(name: str, task: "Task") -> str | None:
@@ -175,7 +174,7 @@ def require_actions(name: str, task: "Task", offered: Callable[[], Sequence[str]
     """
     known, kind = entry_of(name, offered).actions, _actions(task)
     if kind not in known:
-        others = [other for other, entry in usable().items() if kind in entry.actions and other in offered()]
+        others = [other for other, entry in usable().items() if other in offered() and kind in entry.actions]
         raise UsageError(
             f"{name} chooses {', '.join(known)} actions; those of {task.name} are {kind}",
             f"take another method: {', '.join(others)}",

@@ -139,7 +139,6 @@ COMPONET = Method(
     name="componet",
     settings_for=_settings,
     settings_from=_settings_from,
-    rules_for=lambda _: None,
     make=make,
     policy=FlatPolicy,
 )

@@ -302,7 +302,6 @@ CUP = Method(
     name="cup",
     settings_for=_settings,
     settings_from=_settings_from,
-    rules_for=lambda _: None,
     make=make,
     policy=FlatPolicy,
 )

@@ -388,7 +388,6 @@ PTF = Method(
     name="ptf",
     settings_for=_settings,
     settings_from=_settings_from,
-    rules_for=lambda _: None,
     make=make,
     policy=FlatPolicy,
 )

@@ -96,7 +96,6 @@ QMP = Method(
     name="qmp",
     settings_for=_settings_for,
     settings_from=_settings_from,
-    rules_for=lambda _: None,
     make=make,
     policy=FlatPolicy,
 )
