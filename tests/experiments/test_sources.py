@@ -19,7 +19,6 @@ from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import job_of, resume
 from paddlectl.experiments.runner import run_transfer
 from paddlectl.experiments.sources import resolve, unlearned
-from paddlectl.methods.catalogue import METHODS, Entry
 from paddlectl.registry import bundles
 from paddlectl.registry.store import Registry
 from paddlectl.report.explanation import explanation_document
@@ -29,9 +28,8 @@ from small_transfer import SMALL
 from trials.runs import StopAfter, quiet, small
 
 PROGRAM = program("BlockedDoor", BLOCKED_DOOR)
-PUPIL = Entry(
-    "paddlectl.methods.hdm:HDM", "learns from flat policies", ("ppo", "td3"), METHODS["hdm"].actions
-)
+PUPIL = "cup"
+"""A method that reuses the policies of ppo or td3."""
 
 
 def scenario(*sources: str, target: str = TARGET) -> Scenario:
@@ -56,13 +54,6 @@ def learned(registry: Registry) -> Callable[..., str]:
     return add
 
 
-@pytest.fixture
-def pupil(monkeypatch: pytest.MonkeyPatch) -> str:
-    """A method that reuses the policies of ppo or td3."""
-    monkeypatch.setitem(METHODS, "pupil", PUPIL)  # type: ignore[arg-type]
-    return "pupil"
-
-
 def refusal(kind: type[PaddlectlError], registry: Registry, *asked: Any) -> tuple[str, str]:
     with pytest.raises(kind) as caught:
         resolve(registry, *asked).required()
@@ -71,25 +62,23 @@ def refusal(kind: type[PaddlectlError], registry: Registry, *asked: Any) -> tupl
 
 
 def test_of_a_task_the_best_of_the_method_that_teaches(
-    registry: Registry, learned: Callable[..., str], pupil: str
+    registry: Registry, learned: Callable[..., str]
 ) -> None:
     hdm = learned("GapBall", success=0.5)
     learned("GapBall", success=0.4)
     flat = learned("GapBall", "ppo", success=0.3)
     for other in ("random", "paddle", "td3", "hdqn", "finetune"):
         learned("GapBall", other, success=1.0)
-    for method, best in (("paddle", hdm), ("finetune", hdm), (pupil, flat)):
+    for method, best in (("paddle", hdm), ("finetune", hdm), (PUPIL, flat)):
         found = resolve(registry, scenario("GapBall"), method, (3, 1))
         assert found.required() == {3: (best,), 1: (best,)}
 
 
-def test_the_teacher_is_that_of_the_targets_actions(
-    registry: Registry, learned: Callable[..., str], pupil: str
-) -> None:
+def test_the_teacher_is_that_of_the_targets_actions(registry: Registry, learned: Callable[..., str]) -> None:
     learned("CoffeeMaze", domain="maze2d")
     continuous = learned("CoffeeMaze", "td3", domain="maze2d")
     asked = scenario("CoffeeMaze", target="CoffeeMailMaze")
-    assert resolve(registry, asked, pupil, (0,)).required() == {0: (continuous,)}
+    assert resolve(registry, asked, PUPIL, (0,)).required() == {0: (continuous,)}
 
 
 def test_a_method_that_reuses_nothing_needs_nothing(registry: Registry) -> None:
@@ -153,10 +142,10 @@ def test_a_named_policy_that_cant_be_reused(
 
 
 def test_the_hint_for_a_policy_of_another_kind_names_the_method_that_teaches(
-    registry: Registry, learned: Callable[..., str], pupil: str
+    registry: Registry, learned: Callable[..., str]
 ) -> None:
     learned("GapBall")
-    _, hint = refusal(UsageError, registry, scenario("policy-1"), pupil, (0,))
+    _, hint = refusal(UsageError, registry, scenario("policy-1"), PUPIL, (0,))
     assert hint == "name GapBall instead, and run: paddlectl train GapBall --method ppo"
 
 
@@ -169,17 +158,17 @@ def test_a_named_policy_that_isnt_there_is_told_with_the_nearest(
 
 
 def test_what_is_missing_is_told_with_the_command_that_learns_it(
-    registry: Registry, learned: Callable[..., str], pupil: str
+    registry: Registry, learned: Callable[..., str]
 ) -> None:
     learned("BlockedDoor", "random", success=1.0)
     learned("GapBall", seed=1)
     best, both = scenario("BlockedDoor", "GapBall", "BoxDoor"), paired("BlockedDoor", "GapBall")
     for asked, method, seeds, message, command in (
         (best, "paddle", (5,), "BlockedDoor, BoxDoor by hdm", "BlockedDoor BoxDoor"),
-        (best, pupil, (5,), "BlockedDoor, GapBall, BoxDoor by ppo",
+        (best, PUPIL, (5,), "BlockedDoor, GapBall, BoxDoor by ppo",
          "BlockedDoor GapBall BoxDoor --method ppo"),
         (both, "paddle", (2,), "BlockedDoor, GapBall with seed 2 by hdm", "BlockedDoor GapBall --seed 2"),
-        (both, pupil, (0, 1, 2), "BlockedDoor, GapBall with seeds 0-2 by ppo",
+        (both, PUPIL, (0, 1, 2), "BlockedDoor, GapBall with seeds 0-2 by ppo",
          "BlockedDoor GapBall --seeds 0-2 --method ppo"),
         (both, "paddle", (7, 0, 1, 2),
          "BlockedDoor with seeds 0-2,7 and GapBall with seeds 0,2,7 by hdm",
@@ -191,14 +180,14 @@ def test_what_is_missing_is_told_with_the_command_that_learns_it(
 
 
 def test_what_is_missing_is_trained_by_a_job_for_each_task_and_seed(
-    registry: Registry, learned: Callable[..., str], pupil: str
+    registry: Registry, learned: Callable[..., str]
 ) -> None:
     learned("GapBall", "ppo", seed=1)
-    found = resolve(registry, paired("BlockedDoor", "GapBall"), pupil, (1, 2))
+    found = resolve(registry, paired("BlockedDoor", "GapBall"), PUPIL, (1, 2))
     lacking = [("BlockedDoor", 1), ("BlockedDoor", 2), ("GapBall", 2)]
     assert found.missing == [TrainJob(task, seed, method="ppo") for task, seed in lacking]
     assert found.ids == {}
-    found = resolve(registry, scenario("OpenGoal", "GapBall"), pupil, (1, 2))
+    found = resolve(registry, scenario("OpenGoal", "GapBall"), PUPIL, (1, 2))
     assert found.missing == [TrainJob("OpenGoal", 0, method="ppo")]
 
 

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from paddlectl.registry.store import Registry
 
 
-def policy_named(registry: "Registry", name: str, method: str | None = None) -> "PolicyRecord":
-    """The policy of an id, or the best one of a task, of one method or of all.
+def policy_named(registry: "Registry", name: str) -> "PolicyRecord":
+    """The policy of an id, or the best one of a task.
 
     Raises:
         NotFoundError: If there is none; what it says to train is a task.
@@ -22,11 +22,11 @@ def policy_named(registry: "Registry", name: str, method: str | None = None) -> 
     from paddlectl.tasks.suite import known, names
 
     try:
-        return registry.policy(name, method)
+        return registry.policy(name)
     except NotFoundError as error:
         if is_id(name) or known(name):
             raise
-        raise NotFoundError(error.message, _way_to(name, names(), registry.solved(method=method))) from None
+        raise NotFoundError(error.message, _way_to(name, names(), registry.solved())) from None
 
 
 def _way_to(name: str, tasks: "Sequence[str]", solved: "Sequence[str]") -> str:

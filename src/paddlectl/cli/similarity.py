@@ -84,13 +84,17 @@ def weights(body: float | None, head: float | None) -> tuple[float, float]:
 def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") -> "list[PolicyRecord]":
     """The policies named, each once; without names those of every other task of the domain.
 
-    Of a task it is the best that a transfer by `paddle` would reuse.
+    Of a task it is the one that a transfer by `paddle` reuses, if there is one.
 
     Raises:
         NotFoundError: If a policy, or any policy of the domain, isn't there.
         UsageError: If a policy is of another domain, or has no clauses.
     """
-    found = [_named(registry, name) for name in names] or _best_of_domain(registry, target)
+    from paddlectl.methods.catalogue import teacher_of
+
+    teaches = teacher_of("paddle", target)
+    found = [_named(registry, name, teaches) for name in names]
+    found = found or _best_of_domain(registry, target, teaches)
     if not found:
         raise NotFoundError(
             f"no policy of another {target.domain} task in {registry.shown}",
@@ -109,12 +113,14 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
     return list({policy.id: policy for policy in found}.values())
 
 
-def _named(registry: "Registry", name: str) -> "PolicyRecord":
-    """The policy of an id, or of a task the best one with clauses; without any the best."""
+def _named(registry: "Registry", name: str, teaches: str | None) -> "PolicyRecord":
+    """The policy of an id; of a task the best of the method that teaches, else with clauses, else any."""
     from paddlectl.cli.named import policy_named
 
     policy = policy_named(registry, name)
-    if policy.program is None and name != policy.id:
+    if name != policy.id:
+        with suppress(NotFoundError):
+            return registry.policy(name, teaches, clauses=True)
         with suppress(NotFoundError):
             return registry.policy(name, clauses=True)
     return policy
@@ -128,10 +134,7 @@ def _way_to_another(target: "Task") -> str:
     return f"run: paddlectl train {others[0]}" if others else f"{target.name} is the only one of its domain"
 
 
-def _best_of_domain(registry: "Registry", target: "Task") -> "list[PolicyRecord]":
-    from paddlectl.methods.catalogue import teacher_of
-
-    teaches = teacher_of("paddle", target)
+def _best_of_domain(registry: "Registry", target: "Task", teaches: str | None) -> "list[PolicyRecord]":
     solved = registry.solved(target.domain, teaches)
     return [registry.policy(task, teaches) for task in solved if task != target.name]
 
