@@ -141,7 +141,7 @@ def test_a_trace_goes_no_further_than_its_episode_and_the_block():
 
 def test_only_the_values_of_what_was_done_change():
     made = critic(trace_decay=0.0, critic_epochs=1)
-    made.update(block(), POLICY)
+    made.update(block(), made.targets(block(), POLICY))
     # by SGD of rate 1/2 the mean of four squares moves each value a quarter of the way
     by_hand = [[1.125, 8.125], [3.5, 6.5], [6.0, 2.0], [1000.0, 1000.0]]
     assert made.values(STATES).numpy() == pytest.approx(np.array(by_hand))
@@ -227,12 +227,20 @@ def test_a_guided_run_goes_on_from_what_was_captured(kind):
     assert list(fresh.agent.reuse()) == list(whole.agent.reuse())
 
 
-def test_in_a_minibatch_each_state_has_its_own_guide(monkeypatch):
-    guided, given = made("discrete", start=0.0), []
+@pytest.mark.parametrize("normalised, unit", [(False, 1.0), (True, 2.0)])
+def test_in_a_minibatch_each_state_has_its_own_guide(monkeypatch, normalised, unit):
+    guided, given = made("discrete", start=0.0, normalised=normalised), []
     agent, learner = guided.agent, guided.agent.policy().learner
     (source,) = agent._sources
     source.inherit(source.state(), 100.0)  # far from the target
     values = torch.from_numpy(np.random.default_rng(0).normal(size=(2 * 8, 7)).astype(np.float32))
+
+    def targets(buffer, policy):
+        """2 more, or less, than V."""
+        own = policy.log_probs(torch.from_numpy(buffer.observations).flatten(0, 1)).detach()
+        return ((own.exp() * values).sum(-1) + torch.tensor([2.0, -2.0]).repeat(8)).reshape(8, 2)
+
+    monkeypatch.setattr(agent.critic, "targets", targets)
     monkeypatch.setattr(agent.critic, "update", lambda *_: None)
     monkeypatch.setattr(agent.critic, "values", lambda _: values)
     monkeypatch.setattr(learner, "update", lambda _, guidance: given.append(guidance))
@@ -242,7 +250,7 @@ def test_in_a_minibatch_each_state_has_its_own_guide(monkeypatch):
         own, theirs = learner.log_probs(states), source.log_probs(states)
         found = [given[0](torch.tensor([place]), own[[place]]).item() for place in range(len(states))]
         losses = [
-            over_ppo(own[[place]], theirs[[place], None], values[[place]], agent.settings).loss.item()
+            over_ppo(own[[place]], theirs[[place], None], values[[place]] / unit, agent.settings).loss.item()
             for place in range(len(states))
         ]
     assert found == pytest.approx(losses, rel=1e-3)

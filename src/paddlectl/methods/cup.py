@@ -40,6 +40,8 @@ class CUPSettings(FlatSettings):
         cap: β2.
         start: Share of the budget that is used up before sources guide.
         deviation: σ, over TD3.
+        normalised: Over PPO, A and V are counted in deviations of what actions were worth beyond V, as PPO
+            counts its own advantages. In the paper both losses are in the unit of Q.
         critic_rate: Learning rate of Adam for PPO's Q.
         critic_epochs: Passes of PPO's Q over each block.
         critic_batch: Samples of PPO's Q a gradient step.
@@ -50,6 +52,7 @@ class CUPSettings(FlatSettings):
     cap: float = 0.003
     start: float = 0.05
     deviation: float = 0.2
+    normalised: bool = False
     critic_rate: float = 5e-4
     critic_epochs: int = 2
     critic_batch: int = 512
@@ -156,12 +159,12 @@ class ActionValues:
         values: torch.Tensor = self.network(states)
         return values
 
-    def update(self, buffer: RolloutBuffer, policy: PPO) -> None:
-        """Step 2: some passes over what the policy did in one block."""
+    def update(self, buffer: RolloutBuffer, targets: torch.Tensor) -> None:
+        """Step 2: some passes over what was done in one block, and what it was worth. [T, B]"""
         states = torch.from_numpy(buffer.observations).flatten(0, 1)
         actions = torch.from_numpy(buffer.actions).flatten()
         count = max(1, round(len(actions) / self.settings.critic_batch))
-        targets = self.targets(buffer, policy).flatten()
+        targets = targets.flatten()
         for _ in range(self.settings.critic_epochs):
             for batch in torch.from_numpy(self.rng.permutation(len(actions))).chunk(count):
                 values = self.network(states[batch]).gather(-1, actions[batch, None])[:, 0]
@@ -229,7 +232,8 @@ class CUPOverPPO(CUPAgent):
 
     def _learn(self, environment: Environment) -> Mapping[str, float]:
         buffer, learner = self._buffer, cast(PPO, self._policy.learner)
-        self.critic.update(buffer, learner)
+        targets = self.critic.targets(buffer, learner)
+        self.critic.update(buffer, targets)
         if not self._guided:
             learner.update(buffer)
             return {"guided": 0.0}
@@ -238,9 +242,11 @@ class CUPOverPPO(CUPAgent):
         with torch.no_grad():
             own, *others = (each.log_probs(states) for each in cast(list[PPO], [learner, *self._sources]))
         sources = torch.stack(others, 1)
+        beyond = targets.flatten() - (own.exp() * values).sum(-1)
+        counted = values / (beyond.std(correction=0) + 1e-8) if self.settings.normalised else values
 
         def loss(places: torch.Tensor, log_probs: torch.Tensor) -> torch.Tensor:
-            return over_ppo(log_probs, sources[places], values[places], self.settings).loss
+            return over_ppo(log_probs, sources[places], counted[places], self.settings).loss
 
         learner.update(buffer, loss)
         return self._account(over_ppo(own, sources, values, self.settings), self.rollout_steps)
