@@ -30,7 +30,10 @@ KINDS = (
 )
 FRAMES, ROUNDS = 3072, 12
 FLAT = {"lanes": 8}
-FEWER: dict[str, dict[str, Any]] = {"hdqn": {"meta": {"capacity": 500, "warm_up": 50}}}
+FEWER: dict[str, dict[str, Any]] = {
+    "hdqn": {"meta": {"capacity": 500, "warm_up": 50}},
+    "qmp": {"block": 32, "learner": {"capacity": 2000, "warm_up": 50}},
+}
 SOURCES = ("BlockedDoor", "GapBall")
 TIME = {"seconds", "created", "finished", "resumes"}
 
@@ -92,7 +95,7 @@ def begin(kind: str, registry: Registry, pace: Pace, rounds: int = ROUNDS) -> di
         case [method, *mode]:
             teacher = teacher_of(method, load(TARGET))
             reused = {None: (), "hdm": ("policy-1", "policy-2"), "ppo": ("policy-3", "policy-4")}[teacher]
-            changes = FLAT if teacher == "ppo" else SMALL | FEWER.get(method, {})
+            changes = (FLAT if teacher == "ppo" else SMALL) | FEWER.get(method, {})
             asked = job(reused, *(mode or ["default"]), method=method, frames=frames, changes=changes)
             return run_transfer(asked, registry, quiet, pace)
     raise ValueError(kind)
