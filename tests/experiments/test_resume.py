@@ -30,7 +30,7 @@ from paddlectl.hybrid.rollout import Outcome
 from paddlectl.learners import ppo
 from paddlectl.methods import hdm
 from paddlectl.methods.base import Setup
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load

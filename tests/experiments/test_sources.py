@@ -19,7 +19,7 @@ from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import job_of, resume
 from paddlectl.experiments.runner import run_transfer
 from paddlectl.experiments.sources import resolve, unlearned
-from paddlectl.registry import bundles
+from paddlectl.registry.bundles import bundles
 from paddlectl.registry.store import Registry
 from paddlectl.report.explanation import explanation_document
 from paddlectl.scenario import Scenario, TaskSources

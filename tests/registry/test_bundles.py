@@ -17,8 +17,8 @@ import yaml
 
 from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, UsageError
 from paddlectl.logic.syntax import parse_program
-from paddlectl.registry import archive, bundles
-from paddlectl.registry.check import check
+from paddlectl.registry.bundles import archive, bundles
+from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 
 ARRAYS = safetensors.numpy.save({"x": np.arange(100.0, dtype=np.float32)})

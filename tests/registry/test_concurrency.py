@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from paddlectl.errors import RegistryBusyError
-from paddlectl.registry import database, sqlite
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
+from paddlectl.registry.index import database, sqlite
 from paddlectl.registry.store import Registry, database_of
 from released import rebuilt
 from soak import memory_folder

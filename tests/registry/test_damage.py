@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from paddlectl.errors import IntegrityError, PaddlectlError
-from paddlectl.registry import objects
+from paddlectl.registry.files import objects
 from paddlectl.registry.store import Registry
 
 
@@ -199,7 +199,7 @@ from alembic import command
 from paddlectl.errors import PaddlectlError
 from paddlectl.registry.store import Registry
 import sqlalchemy.dialects.sqlite.pysqlite
-import paddlectl.registry.objects
+import paddlectl.registry.files.objects
 plain = dict(kind="train", method="hdm", task="BoxDoor", scenario=None, sources=[], seed=0, versions={})
 def told(work):
     try:

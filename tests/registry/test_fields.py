@@ -19,8 +19,9 @@ from paddlectl.experiments.jobs import TransferJob
 from paddlectl.experiments.resuming import job_of
 from paddlectl.hybrid.policy import settings_for
 from paddlectl.methods.catalogue import METHODS
-from paddlectl.registry import bundles, fields
-from paddlectl.registry.check import check
+from paddlectl.registry import fields
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario, load_scenario
 from paddlectl.tasks.suite import load, names

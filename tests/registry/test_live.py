@@ -11,11 +11,14 @@ import pytest
 
 from filler import ARRAYS, Filler
 from paddlectl.errors import IntegrityError, UsageError
-from paddlectl.registry import bundles, database, files, garbage, layout, manifests, objects, runfiles
-from paddlectl.registry import check as checking
-from paddlectl.registry.check import check
-from paddlectl.registry.garbage import collect
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care import check as checking
+from paddlectl.registry.care import files, garbage
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.garbage import collect
+from paddlectl.registry.care.repair import repair
+from paddlectl.registry.files import layout, manifests, objects, runfiles
+from paddlectl.registry.index import database
 from paddlectl.registry.store import Registry
 
 END: dict[str, Any] = {"frames": 10, "episodes": 2, "seconds": 1.5, "results": {}}

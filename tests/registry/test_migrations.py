@@ -13,8 +13,9 @@ from sqlalchemy import create_engine
 
 from filler import Filler
 from paddlectl.errors import IntegrityError, PaddlectlError, SchemaVersionError
-from paddlectl.registry import database, schema, sqlite
-from paddlectl.registry.check import check
+from paddlectl.registry import schema
+from paddlectl.registry.care.check import check
+from paddlectl.registry.index import database, sqlite
 from paddlectl.registry.store import Registry
 from released import SCHEMAS, rebuilt
 

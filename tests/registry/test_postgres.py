@@ -7,9 +7,10 @@ import pytest
 from sqlalchemy import create_engine, inspect, text
 
 from paddlectl.errors import NotFoundError, PaddlectlError, SchemaVersionError, UsageError
-from paddlectl.registry import database, schema
-from paddlectl.registry.check import check
-from paddlectl.registry.repair import repair
+from paddlectl.registry import schema
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.repair import repair
+from paddlectl.registry.index import database
 from paddlectl.registry.store import Registry, database_of
 from postgres import Server
 from released import rebuilt

@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 
 from paddlectl.errors import PaddlectlError
-from paddlectl.registry import bundles, rights
-from paddlectl.registry.check import check
-from paddlectl.registry.faults import faults
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.repair import repair
+from paddlectl.registry.files import rights
+from paddlectl.registry.index.faults import faults
 from paddlectl.registry.store import Registry
 from released import rebuilt
 
@@ -26,7 +27,7 @@ import os, sys
 from pathlib import Path
 from filler import Filler
 from paddlectl.errors import PaddlectlError
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 import sqlalchemy.dialects.sqlite.pysqlite
 uid, gid, place = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])

@@ -4,7 +4,7 @@ import pytest
 
 from paddlectl.cli.app import main
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import bundles
+from paddlectl.registry.bundles import bundles
 from paddlectl.registry.store import Registry
 from paddlectl.report import followed
 from paddlectl.report.explained import explanation_parts

@@ -8,7 +8,7 @@ from typing import Any
 
 from filler import Filler
 from paddlectl.errors import IntegrityError
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 
 Use = Callable[[], Any]

@@ -11,7 +11,7 @@ from typing import Any
 
 from sqlalchemy import select, update
 
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
 from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
 from released import rebuilt

@@ -18,9 +18,9 @@ import safetensors.numpy
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import resume
-from paddlectl.registry import bundles
-from paddlectl.registry.check import check
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from trials.killed_writers import write_one
 from trials.runs import add_sources, begin, ended, quiet, small

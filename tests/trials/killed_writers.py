@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import safetensors.numpy
 
-from paddlectl.registry import bundles
-from paddlectl.registry.check import check
-from paddlectl.registry.garbage import collect
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.garbage import collect
+from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from released import rebuilt
 from trials.killed_runs import child

@@ -11,10 +11,10 @@ from filler import ARRAYS, Filler
 from paddlectl.cli.completion import policy_names, stopped_names, transfer_names
 from paddlectl.cli.resume import stopped_runs
 from paddlectl.errors import UsageError
-from paddlectl.registry import bundles
-from paddlectl.registry.check import check
-from paddlectl.registry.garbage import collect
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.garbage import collect
+from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from paddlectl.report.explanation import explanation_document
 from paddlectl.report.programs import program_document

@@ -9,8 +9,8 @@ from typing import Any
 
 from filler import ARRAYS, Filler
 from paddlectl.errors import RegistryBusyError
-from paddlectl.registry import checkpoints
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
+from paddlectl.registry.files import checkpoints
 from paddlectl.registry.store import Registry
 from trials.crowds import together
 

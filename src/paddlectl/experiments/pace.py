@@ -10,8 +10,8 @@ from paddlectl.errors import IntegrityError, UsageError
 from paddlectl.experiments import snapshot
 from paddlectl.experiments.log import RunLog
 from paddlectl.experiments.stop import Stop
+from paddlectl.registry.index.queries import next_step
 from paddlectl.registry.names import ELSEWHERE
-from paddlectl.registry.queries import next_step
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 

@@ -19,7 +19,7 @@ from sqlalchemy import (
 )
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry.documents import from_json
+from paddlectl.registry.files.documents import from_json
 from paddlectl.registry.records import PolicyRecord, RunRecord
 
 # Every revision in migrations/versions, oldest first. Kept here so that reading needs no alembic.

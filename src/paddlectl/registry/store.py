@@ -12,17 +12,19 @@ from typing import Any, Literal, Self
 from sqlalchemy import Connection, func, select, update
 
 from paddlectl.errors import NotFoundError, UsageError
-from paddlectl.registry import documents, fields, identity, layout, objects
-from paddlectl.registry.addresses import is_like_one
-from paddlectl.registry.database import Database, stamp
-from paddlectl.registry.entry import Entry
-from paddlectl.registry.faults import faults
+from paddlectl.registry import fields
+from paddlectl.registry.files import documents, layout, objects
+from paddlectl.registry.index import identity
+from paddlectl.registry.index.addresses import is_like_one
+from paddlectl.registry.index.database import Database, stamp
+from paddlectl.registry.index.entry import Entry
+from paddlectl.registry.index.faults import faults
+from paddlectl.registry.index.postgres import PostgresDatabase
+from paddlectl.registry.index.queries import best_policy, count, find_policy, find_run, next_step
+from paddlectl.registry.index.sqlite import SqliteDatabase
 from paddlectl.registry.names import ELSEWHERE, number_of, shown
-from paddlectl.registry.postgres import PostgresDatabase
-from paddlectl.registry.queries import best_policy, count, find_policy, find_run, next_step
 from paddlectl.registry.records import RUN_STATES, Label, PolicyRecord, RunRecord
 from paddlectl.registry.schema import REVISIONS, policies, policy_records, run_records, runs, select_runs
-from paddlectl.registry.sqlite import SqliteDatabase
 
 Which = Literal["policies", "programs", "transfers", "ended", "stopped"]
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")

@@ -10,7 +10,7 @@ from pathlib import Path
 from sqlalchemy.exc import DBAPIError
 
 from paddlectl.errors import IntegrityError, PaddlectlError, RegistryBusyError
-from paddlectl.registry.rights import refused
+from paddlectl.registry.files.rights import refused
 
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _NOT_ALLOWED = {errno.EACCES, errno.EPERM}

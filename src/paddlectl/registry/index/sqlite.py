@@ -11,10 +11,12 @@ from pathlib import Path
 from sqlalchemy import Connection, Engine, NullPool, create_engine, event
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import database, identity, layout, schema
-from paddlectl.registry.faults import busy
-from paddlectl.registry.objects import sync_folder
-from paddlectl.registry.rights import make_file, opened
+from paddlectl.registry import schema
+from paddlectl.registry.files import layout
+from paddlectl.registry.files.objects import sync_folder
+from paddlectl.registry.files.rights import make_file, opened
+from paddlectl.registry.index import database, identity
+from paddlectl.registry.index.faults import busy
 
 
 class SqliteDatabase:

@@ -7,9 +7,9 @@ from typing import BinaryIO
 from sqlalchemy import Connection, select
 
 from paddlectl.errors import IntegrityError, RegistryBusyError
-from paddlectl.registry import manifests
-from paddlectl.registry.objects import object_path
-from paddlectl.registry.rights import make_folder, opened
+from paddlectl.registry.files import manifests
+from paddlectl.registry.files.objects import object_path
+from paddlectl.registry.files.rights import make_folder, opened
 from paddlectl.registry.schema import policies, runs
 
 FOLDERS = ("objects", "runs", manifests.FOLDER)

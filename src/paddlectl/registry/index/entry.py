@@ -8,13 +8,13 @@ from typing import Any
 from sqlalchemy import Connection, Engine, delete, insert, update
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import documents, layout, manifests, objects
-from paddlectl.registry.database import Database, require_current
-from paddlectl.registry.faults import faults
+from paddlectl.registry.files import documents, layout, manifests, objects
+from paddlectl.registry.files.rights import make_folder
+from paddlectl.registry.files.runfiles import RunFiles
+from paddlectl.registry.index.database import Database, require_current
+from paddlectl.registry.index.faults import faults
+from paddlectl.registry.index.queries import same_runs
 from paddlectl.registry.names import number_of
-from paddlectl.registry.queries import same_runs
-from paddlectl.registry.rights import make_folder
-from paddlectl.registry.runfiles import RunFiles
 from paddlectl.registry.schema import runs
 
 

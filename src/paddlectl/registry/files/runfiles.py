@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 from paddlectl.errors import IntegrityError, NotFoundError, RegistryBusyError
-from paddlectl.registry import checkpoints, documents, layout, manifests
-from paddlectl.registry.faults import faults
-from paddlectl.registry.manifests import Seal
+from paddlectl.registry.files import checkpoints, documents, layout, manifests
+from paddlectl.registry.files.manifests import Seal
+from paddlectl.registry.index.faults import faults
 from paddlectl.registry.names import number_of, shown
 
 T = TypeVar("T")

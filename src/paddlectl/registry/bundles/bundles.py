@@ -13,12 +13,14 @@ import safetensors
 from paddlectl.errors import IntegrityError, InvalidFileError, PaddlectlError, UsageError
 from paddlectl.logic.prolog import format_prolog
 from paddlectl.logic.syntax import parse_program
-from paddlectl.registry import archive, documents, fields, layout, manifests
-from paddlectl.registry.card import card
+from paddlectl.registry import fields
+from paddlectl.registry.bundles import archive
+from paddlectl.registry.bundles.card import card
+from paddlectl.registry.files import documents, layout, manifests
+from paddlectl.registry.files.objects import write_atomically
+from paddlectl.registry.files.runfiles import bytes_of, while_it_stays
 from paddlectl.registry.names import ELSEWHERE, is_id
-from paddlectl.registry.objects import write_atomically
 from paddlectl.registry.records import PolicyRecord, RunRecord
-from paddlectl.registry.runfiles import bytes_of, while_it_stays
 from paddlectl.registry.store import Registry
 
 FORMAT = "paddlectl bundle 1"

@@ -9,8 +9,10 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from paddlectl.errors import UsageError
-from paddlectl.registry import database, identity, layout, schema
-from paddlectl.registry.addresses import is_clear, secrets_of
+from paddlectl.registry import schema
+from paddlectl.registry.files import layout
+from paddlectl.registry.index import database, identity
+from paddlectl.registry.index.addresses import is_clear, secrets_of
 
 _LOCK = 7_052_391_164  # any number; names the advisory lock of registries
 _TABLES = ("runs", "policies", "identity", "alembic_version")
@@ -108,7 +110,7 @@ class PostgresDatabase:
 
         @event.listens_for(engine, "do_connect")
         def _connect(_: Any, __: Any, ___: Any, named: dict[str, Any]) -> Any:
-            from paddlectl.registry.connecting import connected  # psycopg, which few registries need
+            from paddlectl.registry.index.connecting import connected  # psycopg, which few registries need
 
             return connected(self.shown, self._secrets, named)
 

@@ -7,7 +7,7 @@ import uuid
 from pathlib import Path
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry.rights import share
+from paddlectl.registry.files.rights import share
 
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 

@@ -6,11 +6,11 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import checkpoints, layout, manifests
-from paddlectl.registry.check import check
-from paddlectl.registry.files import Rows
-from paddlectl.registry.findings import Report, entries, inside
-from paddlectl.registry.runfiles import kept_still
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.files import Rows
+from paddlectl.registry.care.findings import Report, entries, inside
+from paddlectl.registry.files import checkpoints, layout, manifests
+from paddlectl.registry.files.runfiles import kept_still
 from paddlectl.registry.store import Registry
 
 GRACE = 3600.0

@@ -12,12 +12,12 @@ from typing import Any
 from sqlalchemy import Connection, delete, insert, select, update
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import layout, manifests
-from paddlectl.registry.check import check
-from paddlectl.registry.faults import faults
-from paddlectl.registry.findings import Finding, Report
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.findings import Finding, Report
+from paddlectl.registry.files import layout, manifests
+from paddlectl.registry.files.rights import make_folder
+from paddlectl.registry.index.faults import faults
 from paddlectl.registry.names import is_id, number_of
-from paddlectl.registry.rights import make_folder
 from paddlectl.registry.schema import policy_record, run_records, runs
 from paddlectl.registry.store import Registry, database_of
 
