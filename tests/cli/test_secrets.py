@@ -51,7 +51,7 @@ def address(tmp_path: Path) -> Iterator[str]:
 
 def stored(registry: Registry) -> str:
     """Every row of the index."""
-    with registry.mending() as connection:
+    with registry.index.writing() as connection:
         return str([connection.execute(table.select()).all() for table in metadata.sorted_tables])
 
 

@@ -197,7 +197,7 @@ def test_a_run_whose_process_died_is_told_and_marked(location: Path, filler: Any
     with Registry.open(location) as registry:
         add = filler(registry)
         assert add.run().id == "run-4"
-        with registry.hold("run-4"):
+        with registry.files.hold("run-4"):
             assert check(location).findings == []
         (finding,) = check(location).findings
         assert (finding.kind, finding.where, finding.fault) == ("stopped run", "run-4", False)

@@ -100,8 +100,8 @@ def test_whatever_is_stored_can_be_exported_and_taken_in_again(
         registry = Registry.open(here)
         add = Filler(registry)
         add.run(**run)
-        registry.append_rows("run-1", "episodes", [row])
-        registry.write_document("run-1", "mapping", row)
+        registry.files.append_rows("run-1", "episodes", [row])
+        registry.files.write_document("run-1", "mapping", row)
         if policy is not None:
             add.policy("run-1", checkpoint=ARRAYS, method=run["method"], **policy)
         registry.finish_run("run-1", **end)

@@ -105,7 +105,7 @@ def _read(place: Path, enough: int) -> int:
 def _count(place: Path, count: int) -> None:
     registry = Registry.open(place)
     for _ in range(count):
-        with registry.mending() as connection:
+        with registry.index.writing() as connection:
             frames = connection.scalar(select(runs.c.frames).where(runs.c.id == 1))
             connection.execute(update(runs).where(runs.c.id == 1).values(frames=frames + 1))
 

@@ -27,7 +27,7 @@ END: dict[str, Any] = {"status": "finished", "episodes": 1, "seconds": 1.0, "res
 
 def write_one(registry: Registry, number: int) -> tuple[str, str]:
     run = registry.add_run(**PLAIN, seed=number, settings={"text": "x" * 500}, versions={}).id
-    registry.append_rows(run, "episodes", [{"order": number}])
+    registry.files.append_rows(run, "episodes", [{"order": number}])
     policy = registry.add_policy(
         run=run, task="BoxDoor", domain="minigrid", method="hdm", seed=number, frames=1, program="",
         checkpoint=safetensors.numpy.save({"x": np.full(500, number, np.float32)}), metadata={}, **FIGURES,

@@ -83,6 +83,9 @@ policies = Table(
 
 identity = Table("identity", metadata, Column("id", Text, primary_key=True))  # one row
 
+ROW_TABLES = {"run": runs, "policy": policies}
+"""By the kind that begins the names of their rows."""
+
 _REPAIR = "run: paddlectl registry repair"
 _VALUES = {"INTEGER": int, "BIGINT": int, "FLOAT": float, "TEXT": str}
 

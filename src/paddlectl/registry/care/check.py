@@ -31,11 +31,11 @@ from paddlectl.registry.files.runfiles import goes_on
 from paddlectl.registry.index import identity
 from paddlectl.registry.index.database import Database, require_current, stamp
 from paddlectl.registry.index.faults import faults
+from paddlectl.registry.index.location import database_of
 from paddlectl.registry.index.queries import rows_of
 from paddlectl.registry.names import ELSEWHERE, is_id, number_of
 from paddlectl.registry.records import RUN_STATES
 from paddlectl.registry.schema import REVISIONS, metadata, policy_record, run_records, runs
-from paddlectl.registry.store import database_of
 
 Found = dict[str, list[Finding]]
 

@@ -16,6 +16,7 @@ from paddlectl.registry.files import layout
 from paddlectl.registry.files.objects import sync_folder
 from paddlectl.registry.files.rights import make_file, opened
 from paddlectl.registry.index import database, identity
+from paddlectl.registry.index.entry import publish_all
 from paddlectl.registry.index.faults import busy
 
 
@@ -68,7 +69,7 @@ class SqliteDatabase:
                 _migrate(connection)
                 layout.make(self.folder)
                 identity.give(self, connection)
-                layout.seal_all(self.folder, connection)
+                publish_all(self.folder, connection)
 
     def copy(self, label: str) -> str:
         copy = self._aside(label)
