@@ -167,7 +167,7 @@ def figures(registry: Registry, record: RunRecord, shortest: float) -> Result:
     from paddlectl.experiments.curves import curve_figures
 
     episodes = episodes_of(registry, record)
-    progress = registry.read_rows(record.id, "progress")
+    progress = registry.files.read_rows(record.id, "progress")
     policy = registry.policy(record.policy or "")
     curve = curve_figures(episodes, record.frames)
     known = in_order(episodes)
@@ -195,7 +195,7 @@ def figures(registry: Registry, record: RunRecord, shortest: float) -> Result:
         "final_success": curve["success_rate"],
         "area_under_curve": curve["area_under_curve"],
         "to_success": {str(bar): _reached(known, progress, bar) for bar in BARS},
-        "led_by_target": _led_by_target(registry.read_rows(record.id, "weights")),
+        "led_by_target": _led_by_target(registry.files.read_rows(record.id, "weights")),
         "finished": record.finished,
     }
 
@@ -211,7 +211,7 @@ class Ended(NamedTuple):
 
 def episodes_of(registry: Registry, record: RunRecord) -> list[Ended]:
     """In the order in which they ended."""
-    rows = registry.read_rows(record.id, "episodes")
+    rows = registry.files.read_rows(record.id, "episodes")
     return [Ended(row["order"], row["started"], row["frames"], row["score"]) for row in rows]
 
 

@@ -124,7 +124,7 @@ def figures(registry: Registry, record: RunRecord) -> Result:
     episodes = episodes_of(registry, record)
     policy = registry.policy(record.policy or "")
     known = in_order(episodes)
-    progress = registry.read_rows(record.id, "progress")
+    progress = registry.files.read_rows(record.id, "progress")
     return {
         "method": record.method,
         "task": record.task,

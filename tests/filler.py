@@ -34,12 +34,14 @@ class Filler:
         for number in (1, 2):
             self.run()
             name = f"run-{number}"
-            self.registry.append_rows(name, "episodes", [{"order": i} for i in range(50)])
-            self.registry.write_document(name, "mapping", {"target": "T"})
+            self.registry.files.append_rows(name, "episodes", [{"order": i} for i in range(50)])
+            self.registry.files.write_document(name, "mapping", {"target": "T"})
             self.policy(name, checkpoint=ARRAYS[:-8] + bytes([number] * 8))
             self.registry.finish_run(name, status="finished", **end)
         self.run(kind="transfer", sources=["policy-1"])
         for frames in (1, 2):
-            self.registry.append_rows("run-3", "episodes", [{"order": frames}])
-            self.registry.save_checkpoint("run-3", {"frames": frames}, ARRAYS[:-8] + bytes([frames] * 8))
+            self.registry.files.append_rows("run-3", "episodes", [{"order": frames}])
+            self.registry.files.save_checkpoint(
+                "run-3", {"frames": frames}, ARRAYS[:-8] + bytes([frames] * 8)
+            )
         self.registry.finish_run("run-3", status="interrupted", **end)

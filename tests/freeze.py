@@ -30,7 +30,7 @@ from paddlectl.experiments.policies import keep
 from paddlectl.experiments.runner import train_source
 from paddlectl.hybrid.policy import HybridPolicy
 from paddlectl.learners import ppo
-from paddlectl.registry import bundles
+from paddlectl.registry.bundles import bundles
 from paddlectl.registry.schema import REVISIONS
 from paddlectl.registry.store import Registry
 from released import BUNDLES, RELEASED, rebuilt

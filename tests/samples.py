@@ -10,6 +10,7 @@ import safetensors.numpy
 from sqlalchemy import update
 
 from paddlectl.cli.similarity import similarity_document
+from paddlectl.registry.index.entry import publish
 from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
@@ -124,9 +125,9 @@ def add_transfer(registry: Registry, scenario: str = "A") -> None:
         settings={},
         versions={},
     )
-    registry.write_document(run.id, "mapping", similarity_document(load(TARGET), sources, 0.8, 0.2))
-    registry.append_rows(run.id, "weights", weight_rows())
-    registry.write_document(
+    registry.files.write_document(run.id, "mapping", similarity_document(load(TARGET), sources, 0.8, 0.2))
+    registry.files.append_rows(run.id, "weights", weight_rows())
+    registry.files.write_document(
         run.id, "trace", {"early": [decision()], "late": [], "score_early": 0.9, "score_late": 0.0}
     )
     add_policy(registry, run.id, TARGET, program(TARGET, [("EX", "gt_blockage", 0.9), ("X", "gt_box", 0.8)]))
@@ -142,15 +143,15 @@ def add_transfer(registry: Registry, scenario: str = "A") -> None:
 
 def reuse(registry: Registry, run: str, sources: Sequence[str]) -> None:
     """Makes a run one that reuses these policies, also such as only an import can name."""
-    with registry.mending() as connection:
+    with registry.index.writing() as connection:
         row = update(runs).where(runs.c.id == int(run.partition("-")[2]))
         connection.execute(row.values(sources=json.dumps(list(sources))))
 
 
 def reseal(registry: Registry, name: str) -> None:
     """Makes a run's manifest say that its files are as they should be, as only one who means harm would."""
-    with registry._transaction(registry._writing) as connection:
-        registry._publish(connection, name)
+    with registry.index.writing() as connection:
+        publish(registry.folder, connection, name)
 
 
 def weight_rows() -> list[dict[str, Any]]:

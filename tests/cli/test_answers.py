@@ -119,7 +119,7 @@ def test_policies_and_runs(registry: Registry, command: Command) -> None:
 def test_lists_show_the_newest_and_say_how_many_more_there_are(
     registry: Registry, command: Command, name: str
 ) -> None:
-    with registry.mending() as connection:
+    with registry.index.writing() as connection:
         for table in (runs, policies):
             row = connection.execute(select(table).where(table.c.id == 1)).mappings().one()
             connection.execute(insert(table), [{**row, "id": number} for number in range(4, 1104)])
@@ -234,7 +234,7 @@ def test_an_unknown_width_and_a_narrow_encoding(registry: Registry, process: Pro
 
 
 def test_stored_text_is_no_markup_and_steers_no_terminal(registry: Registry, command: Command) -> None:
-    with registry.mending() as connection:
+    with registry.index.writing() as connection:
         connection.execute(update(runs).values(scenario="[red]A[/red]\x1b[2J\x9b\u202e"))
     out = command("runs").out
     assert "[red" in out

@@ -123,7 +123,7 @@ def test_an_older_registry_is_upgraded(command: Command, tmp_path: Path) -> None
 
 
 def test_what_is_stored_cant_steer_a_terminal(registry: Registry, command: Command) -> None:
-    with registry.mending() as connection:
+    with registry.index.writing() as connection:
         for table in (runs, policies):
             connection.execute(update(table).where(table.c.id == 1).values(task=BAD))
     (registry.folder / "objects" / f"{BAD}".replace("/", "")).write_text("x")
@@ -172,7 +172,7 @@ def started(registry: Path, *line: str) -> subprocess.Popen[str]:
 def learned(registry: Path, run: str = "run-1") -> tuple[object, ...]:
     with Registry.open(registry, create=False) as opened:
         policy = opened.policy(str(opened.run(run).policy))
-        return policy.checkpoint, policy.program, opened.read_rows(run, "episodes"), policy.success_rate
+        return policy.checkpoint, policy.program, opened.files.read_rows(run, "episodes"), policy.success_rate
 
 
 TRAIN = ("train", "OpenGoal", "--frames", "6144", "--checkpoint-every", "0")

@@ -10,10 +10,11 @@ import pytest
 
 from filler import Filler
 from paddlectl.errors import IntegrityError, NotFoundError
-from paddlectl.registry import bundles, identity
-from paddlectl.registry.check import check
-from paddlectl.registry.garbage import collect
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.garbage import collect
+from paddlectl.registry.care.repair import repair
+from paddlectl.registry.index import identity
 from paddlectl.registry.store import Registry
 from postgres import Server, server
 from released import rebuilt

@@ -134,7 +134,7 @@ def test_from_training_to_another_registry(installed: Path, tmp_path: Path) -> N
     transfer = opened.newest_transfer()
     assert transfer is not None and (transfer.method, transfer.status) == ("lean", "finished")
     assert transfer.versions["toys"] == "1.0"
-    rows = opened.read_rows(transfer.id, "reuse")
+    rows = opened.files.read_rows(transfer.id, "reuse")
     assert {row["source"] for row in rows} == {"target", *transfer.sources}
     told, _ = shell.all(f"explain {transfer.id}", f"registry export {transfer.policy} {tmp_path / 'x.zip'}")
     assert (told["method"], told["target"]) == ("lean", "CoinCorridor")

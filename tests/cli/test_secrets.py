@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from paddlectl.cli import app
 from paddlectl.cli.texts import without_secrets
 from paddlectl.errors import PaddlectlError
-from paddlectl.registry import connecting
+from paddlectl.registry.index import connecting
 from paddlectl.registry.schema import metadata
 from paddlectl.registry.store import Registry
 from postgres import server
@@ -51,7 +51,7 @@ def address(tmp_path: Path) -> Iterator[str]:
 
 def stored(registry: Registry) -> str:
     """Every row of the index."""
-    with registry.mending() as connection:
+    with registry.index.writing() as connection:
         return str([connection.execute(table.select()).all() for table in metadata.sorted_tables])
 
 

@@ -153,7 +153,7 @@ def test_completion_offers_what_the_command_takes(registry: Registry) -> None:
         reuse(registry, run.id, sources)
         if status != "running":
             registry.finish_run(run.id, status=status, frames=1, episodes=0, seconds=1.0, results={})
-    with registry.hold("run-9"):
+    with registry.files.hold("run-9"):
         assert complete("paddlectl resume ", **where) == ["run-10", "run-6", "run-5"]
     assert complete("paddlectl registry export run-", **where) == [f"run-{n}" for n in range(8, 0, -1)]
     assert complete("paddlectl registry export l", **where) == []

@@ -47,7 +47,7 @@ def flat(learned: Path, tmp_path: Path) -> Registry:
 def hybrid(registry: Registry, task: str = "BoxDoor") -> str:
     """Adds a policy of the task that has a program, and solves less than the other; gives its id."""
     add_source(registry, task, program("BlockedDoor", BLOCKED_DOOR))
-    with registry.mending() as connection:
+    with registry.index.writing() as connection:
         connection.execute(update(policies).where(policies.c.id == 1).values(success_rate=1.0))
     return registry.policies()[0].id
 
@@ -164,7 +164,7 @@ def test_it_is_checked_mended_and_cleaned(flat: Registry, command: Command) -> N
     assert command("registry", "repair").code == 0
     mended = Registry.open(flat.folder)
     assert mended.policy("policy-1") == before
-    with mended.mending() as connection:
+    with mended.index.writing() as connection:
         connection.execute(update(policies).values(program="", crispness=0.5))
     assert "other row" in command("registry", "check").out
     assert command("registry", "repair").code == 0
@@ -184,7 +184,7 @@ def test_what_is_lost_is_learned_again_by_its_own_method(flat: Registry, command
 
 
 def test_a_method_of_another_version_is_told(flat: Registry, command: Command) -> None:
-    with flat.mending() as connection:
+    with flat.index.writing() as connection:
         connection.execute(update(policies).values(method="tomorrow"))
     answer = command("evaluate", "policy-1")
     assert answer.code == 5

@@ -29,7 +29,7 @@ from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, OwnProgram, se
 from paddlectl.hybrid.rollout import DecisionSettings, Rollout
 from paddlectl.learners.ppo import PPOSettings
 from paddlectl.logic.syntax import format_program
-from paddlectl.registry import bundles
+from paddlectl.registry.bundles import bundles
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Environment, Task

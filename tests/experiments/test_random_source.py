@@ -56,6 +56,6 @@ def test_it_is_not_the_best_where_another_solves_more(registry):
 def test_a_transfer_takes_it_as_a_source(registry, trained):
     policies = (trained.rows[1]["policy"], random_source("DoorBall", 0, registry).id)
     row = run_transfer(job(policies, "default", frames=64 * 8), registry, lambda _: None)
-    mapping = registry.read_document(row["run"], "mapping")
+    mapping = registry.files.read_document(row["run"], "mapping")
     assert mapping["sources"] == list(policies)
     assert registry.run(row["run"]).sources == policies

@@ -30,7 +30,8 @@ from paddlectl.hybrid.rollout import Outcome
 from paddlectl.learners import ppo
 from paddlectl.methods import hdm
 from paddlectl.methods.base import Setup
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
+from paddlectl.registry.files.runfiles import RunFiles
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
@@ -237,7 +238,7 @@ def test_what_cant_be_captured_is_told_before_anything_is_learned(
         "give it snapshot() and restore()"
     )
     run = registry.runs()[0]
-    assert (run.status, run.frames, registry.read_rows(run.id, "progress")) == ("failed", 0, [])
+    assert (run.status, run.frames, registry.files.read_rows(run.id, "progress")) == ("failed", 0, [])
 
 
 # However long it is
@@ -252,7 +253,7 @@ class Kept(NamedTuple):
 def kept() -> Iterator[list[Kept]]:
     """What each checkpoint took."""
     found: list[Kept] = []
-    capture, save = snapshot.capture, Registry.save_checkpoint
+    capture, save = snapshot.capture, RunFiles.save_checkpoint
     began = 0.0
 
     def capturing(roots: dict[str, Any]) -> tuple[Any, bytes]:
@@ -260,13 +261,13 @@ def kept() -> Iterator[list[Kept]]:
         began = time.process_time()
         return capture(roots)
 
-    def saving(registry: Registry, run: str, document: Any, arrays: bytes) -> None:
-        save(registry, run, document, arrays)
+    def saving(files: RunFiles, run: str, document: Any, arrays: bytes) -> None:
+        save(files, run, document, arrays)
         found.append(Kept(len(json.dumps(document)) + len(arrays), time.process_time() - began))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(snapshot, "capture", capturing)
-        patch.setattr(Registry, "save_checkpoint", saving)
+        patch.setattr(RunFiles, "save_checkpoint", saving)
         yield found
 
 
@@ -344,27 +345,27 @@ def test_a_checkpoint_reads_of_the_tables_only_what_is_new(tmp_path: Path) -> No
     run = entered(registry).id
     table = registry.folder / "runs" / run / "episodes.jsonl"
     for number in range(3):
-        registry.append_rows(run, "episodes", [{"order": number}])
-        registry.save_checkpoint(run, number, b"")
+        registry.files.append_rows(run, "episodes", [{"order": number}])
+        registry.files.save_checkpoint(run, number, b"")
     text = table.read_bytes()
     table.write_bytes(text.replace(b"0", b"7"))  # damage since then isn't sealed
-    registry.append_rows(run, "episodes", [{"order": 3}])
-    registry.save_checkpoint(run, 3, b"")
+    registry.files.append_rows(run, "episodes", [{"order": 3}])
+    registry.files.save_checkpoint(run, 3, b"")
     with pytest.raises(IntegrityError, match="isn't what was stored"):
-        registry.rewind(run)
+        registry.files.rewind(run)
     table.write_bytes(text + b'{"order": 3}\n{"order": 9}\n')
-    assert registry.rewind(run).document == 3
-    registry.append_rows(run, "episodes", [{"order": 4}])
-    registry.save_checkpoint(run, 4, b"")
+    assert registry.files.rewind(run).document == 3
+    registry.files.append_rows(run, "episodes", [{"order": 4}])
+    registry.files.save_checkpoint(run, 4, b"")
     with Registry.open(tmp_path) as elsewhere:
-        assert elsewhere.rewind(run).document == 4
-    assert [row["order"] for row in registry.each_row(run, "episodes")] == [0, 1, 2, 3, 4]
+        assert elsewhere.files.rewind(run).document == 4
+    assert [row["order"] for row in registry.files.each_row(run, "episodes")] == [0, 1, 2, 3, 4]
 
 
 def test_a_run_goes_on_in_one_process_only(place: Path) -> None:
     registry = Registry.open(place)
     run = stopped(registry)
-    with registry.hold(run), pytest.raises(RegistryBusyError, match="another process"):
+    with registry.files.hold(run), pytest.raises(RegistryBusyError, match="another process"):
         resume(run, registry, quiet, Pace())
     assert registry.run(run).status == "interrupted"
 

@@ -64,11 +64,11 @@ def test_what_is_new_is_told_by_job(trained):
 
 def test_a_train_run_leaves_its_tables(trained):
     for row in trained.rows:
-        (progress,) = trained.registry.read_rows(row["run"], "progress")
+        (progress,) = trained.registry.files.read_rows(row["run"], "progress")
         assert set(progress) == {
             "frames", "episodes", "success_rate", "mean_score", "crispness", "seconds",
         }  # fmt: skip
-        episodes = trained.registry.read_rows(row["run"], "episodes")
+        episodes = trained.registry.files.read_rows(row["run"], "episodes")
         assert len(episodes) == row["episodes"]
 
 

@@ -56,7 +56,7 @@ def test_a_stopped_training_marks_its_run(tmp_path, send, number, code):
         (run,) = registry.runs()
         assert (run.status, run.policy) == ("interrupted", None)
         assert run.frames >= BLOCK
-        assert len(registry.read_rows(run.id, "progress")) * BLOCK == run.frames
+        assert len(registry.files.read_rows(run.id, "progress")) * BLOCK == run.frames
 
 
 def test_a_training_is_stopped_before_it_has_begun(tmp_path):

@@ -19,7 +19,8 @@ from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import job_of, resume
 from paddlectl.experiments.runner import run_transfer
 from paddlectl.experiments.sources import resolve, unlearned
-from paddlectl.registry import bundles
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.index.index import Index
 from paddlectl.registry.store import Registry
 from paddlectl.report.explanation import explanation_document
 from paddlectl.scenario import Scenario, TaskSources
@@ -201,8 +202,8 @@ def test_to_look_up_a_thousand_paired_seeds_costs_little(
     registry: Registry, learned: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
-    usual = Registry._transaction
-    monkeypatch.setattr(Registry, "_transaction", lambda *given: (asked.append(1), usual(*given))[1])
+    usual = Index._transaction
+    monkeypatch.setattr(Index, "_transaction", lambda *given: (asked.append(1), usual(*given))[1])
     learned("GapBall")
     asked.clear()
     found = resolve(registry, paired("GapBall", "OpenGoal"), "paddle", range(1000))

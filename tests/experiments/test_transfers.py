@@ -27,7 +27,7 @@ class Done(NamedTuple):
     registry: Registry
 
     def rows(self, name: str) -> list[dict[str, Any]]:
-        return self.registry.read_rows(self.run.id, name)
+        return self.registry.files.read_rows(self.run.id, name)
 
 
 class Transfers:
@@ -101,7 +101,7 @@ def test_episodes(transfer, mode):
 @pytest.mark.parametrize("mode", MODES)
 def test_the_mapping_is_that_of_the_target_and_its_sources(transfer, mode):
     done = transfer(mode)
-    mapping = done.registry.read_document(done.run.id, "mapping")
+    mapping = done.registry.files.read_document(done.run.id, "mapping")
     assert (mapping["target"], mapping["body_weight"], mapping["head_weight"]) == (TARGET, 0.8, 0.2)
     assert mapping["sources"] == list(transfer.policies)
     assert len(mapping["scenes"]) == 28
@@ -145,7 +145,7 @@ def test_paper_weights_are_the_sum_of_the_similarities(transfer, mode):
 @pytest.mark.parametrize("mode", MODES)
 def test_the_trace_of_an_early_and_a_late_episode(transfer, mode):
     done = transfer(mode)
-    trace = done.registry.read_document(done.run.id, "trace")
+    trace = done.registry.files.read_document(done.run.id, "trace")
     assert set(trace) == {"early", "late", "score_early", "score_late"}
     lengths = {(row["score"], row["length"]) for row in done.rows("episodes")}
     for phase in ("early", "late"):
@@ -168,8 +168,8 @@ def test_from_scratch_there_is_nothing_to_explain_but_the_episodes(transfer):
     done = transfer(method="hdm")
     assert (done.run.method, done.run.sources, done.run.status) == ("hdm", (), "finished")
     assert len(done.rows("episodes")) == done.row["episodes"] >= 8 * 2
-    assert done.registry.read_document(done.run.id, "mapping") is None
-    assert done.registry.read_document(done.run.id, "trace") is None
+    assert done.registry.files.read_document(done.run.id, "mapping") is None
+    assert done.registry.files.read_document(done.run.id, "trace") is None
     assert done.rows("weights") == []
 
 
@@ -219,6 +219,6 @@ def test_weights_are_told_once_when_the_early_episodes_are_over_in_the_last_roun
     monkeypatch.setattr(paddle, "EARLY", 8)
     short = job(transfer.policies, "paper", frames=8 * 320)
     row = run_transfer(short, transfer.registry, lambda _: None)
-    rows = transfer.registry.read_rows(row["run"], "weights")
+    rows = transfer.registry.files.read_rows(row["run"], "weights")
     keys = [(row["phase"], tuple(row["scene"]), row["policy"]) for row in rows]
     assert len(set(keys)) == len(keys) > 0

@@ -17,8 +17,8 @@ import yaml
 
 from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, UsageError
 from paddlectl.logic.syntax import parse_program
-from paddlectl.registry import archive, bundles
-from paddlectl.registry.check import check
+from paddlectl.registry.bundles import archive, bundles
+from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 
 ARRAYS = safetensors.numpy.save({"x": np.arange(100.0, dtype=np.float32)})
@@ -30,8 +30,8 @@ PROGRAM = "0.98 :: gt_key() :- !has_key(agent)\n1e-05 :: gt_door() :- has_key(ag
 @pytest.fixture
 def full(registry: Registry, add: Any) -> Registry:
     add.run(kind="transfer", method="paddle", scenario="A", sources=["policy-7"])
-    registry.append_rows("run-1", "episodes", [{"order": i} for i in range(50)])
-    registry.write_document("run-1", "mapping", {"target": "T"})
+    registry.files.append_rows("run-1", "episodes", [{"order": i} for i in range(50)])
+    registry.files.write_document("run-1", "mapping", {"target": "T"})
     add.policy("run-1", checkpoint=ARRAYS, program=PROGRAM, metadata={"atoms": ["has_key(agent)"]})
     registry.finish_run("run-1", results={"final_score": 0.5, "area_under_curve": 1e-7}, **END)
     return registry
@@ -62,7 +62,7 @@ def test_export_import_export_is_the_same_byte_for_byte(full: Registry, tmp_path
     assert take_in(tmp_path / "other", one) == {"run": "run-2", "policy": "policy-1", "known": True}
     assert other.run("run-2").sources == ("elsewhere:policy-7",)
     assert other.read_checkpoint(other.policy("policy-1")) == ARRAYS
-    assert other.read_rows("run-2", "episodes") == (
+    assert other.files.read_rows("run-2", "episodes") == (
         [{"order": i} for i in range(50)] if name == "run-1" else []
     )
     assert check(tmp_path / "other", read_data=True).faults == []
@@ -315,4 +315,4 @@ def test_what_a_released_version_exported_is_taken_in_for_ever(path: Path, tmp_p
         assert (run.task, run.method, run.scenario, run.status) == ("BoxDoor", "paddle", "A", "finished")
         assert (policy.success_rate, policy.mean_score, policy.program) == (0.5, 0.4, PROGRAM)
         assert registry.read_checkpoint(policy) == ARRAYS
-        assert len(registry.read_rows(run.id, "episodes")) == 50
+        assert len(registry.files.read_rows(run.id, "episodes")) == 50

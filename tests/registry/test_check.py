@@ -8,11 +8,12 @@ from typing import Any
 import pytest
 
 from paddlectl.errors import IntegrityError, NotFoundError, SchemaVersionError
-from paddlectl.registry import database, manifests
-from paddlectl.registry import repair as repairing
-from paddlectl.registry.check import check
-from paddlectl.registry.garbage import collect
-from paddlectl.registry.repair import repair
+from paddlectl.registry.care import repair as repairing
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.garbage import collect
+from paddlectl.registry.care.repair import repair
+from paddlectl.registry.files import manifests
+from paddlectl.registry.index import database
 from paddlectl.registry.store import Registry
 from released import rebuilt
 from trials.faults import FAULTS, ONLY_IN_THE_DATA, manifest, sql
@@ -196,7 +197,7 @@ def test_a_run_whose_process_died_is_told_and_marked(location: Path, filler: Any
     with Registry.open(location) as registry:
         add = filler(registry)
         assert add.run().id == "run-4"
-        with registry.hold("run-4"):
+        with registry.files.hold("run-4"):
             assert check(location).findings == []
         (finding,) = check(location).findings
         assert (finding.kind, finding.where, finding.fault) == ("stopped run", "run-4", False)

@@ -11,9 +11,10 @@ from typing import Any
 import pytest
 
 from paddlectl.errors import RegistryBusyError
-from paddlectl.registry import database, sqlite
-from paddlectl.registry.check import check
-from paddlectl.registry.store import Registry, database_of
+from paddlectl.registry.care.check import check
+from paddlectl.registry.index import database, sqlite
+from paddlectl.registry.index.location import database_of
+from paddlectl.registry.store import Registry
 from released import rebuilt
 from soak import memory_folder
 
@@ -96,7 +97,7 @@ def test_writers_that_start_by_making_the_registry_lose_nothing(address: str, to
 def _count(location: str, worker: int) -> None:
     with Registry.open(location, create=False) as registry:
         for _ in range(each(location)):
-            with registry._transaction(registry._writing) as connection:
+            with registry.index.writing() as connection:
                 (frames,) = connection.exec_driver_sql("SELECT frames FROM runs WHERE id = 1").one()
                 time.sleep(0.0005)
                 connection.exec_driver_sql(f"UPDATE runs SET frames = {frames + 1} WHERE id = 1")

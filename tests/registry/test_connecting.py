@@ -14,9 +14,9 @@ import pytest
 
 from paddlectl.cli import completion
 from paddlectl.errors import PaddlectlError, RegistryBusyError
-from paddlectl.registry import database
-from paddlectl.registry.check import check
-from paddlectl.registry.repair import repair
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.repair import repair
+from paddlectl.registry.index import database
 from paddlectl.registry.store import Registry
 
 pytest.importorskip("psycopg", reason="no psycopg: pip install 'paddlectl[postgres]'")

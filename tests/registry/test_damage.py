@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from paddlectl.errors import IntegrityError, PaddlectlError
-from paddlectl.registry import objects
+from paddlectl.registry.files import objects
 from paddlectl.registry.store import Registry
 
 
@@ -199,7 +199,7 @@ from alembic import command
 from paddlectl.errors import PaddlectlError
 from paddlectl.registry.store import Registry
 import sqlalchemy.dialects.sqlite.pysqlite
-import paddlectl.registry.objects
+import paddlectl.registry.files.objects
 plain = dict(kind="train", method="hdm", task="BoxDoor", scenario=None, sources=[], seed=0, versions={})
 def told(work):
     try:
@@ -211,15 +211,15 @@ def told(work):
 
 def test_a_read_only_registry_is_read_but_not_written(registry: Registry, add: Any, location: Path) -> None:
     add.run()
-    registry.append_rows("run-1", "episodes", [{"order": 0}])
+    registry.files.append_rows("run-1", "episodes", [{"order": 0}])
     for path in [location, *location.rglob("*")]:
         path.chmod(0o555 if path.is_dir() else 0o444)
     code = f"""
 r = Registry.open({str(location)!r})
-told(lambda: (len(r.runs()), r.read_rows("run-1", "episodes")))
+told(lambda: (len(r.runs()), r.files.read_rows("run-1", "episodes")))
 told(lambda: r.add_run(**plain, settings={{}}))
-told(lambda: r.append_rows("run-1", "episodes", [{{"order": 1}}]))
-told(lambda: r.write_document("run-1", "mapping", 1))
+told(lambda: r.files.append_rows("run-1", "episodes", [{{"order": 1}}]))
+told(lambda: r.files.write_document("run-1", "mapping", 1))
 told(lambda: Registry.open({str(location / "runs" / "new")!r}))
 """
     result = _as_somebody_else(code, location)
@@ -244,7 +244,10 @@ def test_a_failing_disk_while_publishing(
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", fail)
-        for work in (lambda: add.policy("run-1"), lambda: registry.write_document("run-1", "mapping", 1)):
+        for work in (
+            lambda: add.policy("run-1"),
+            lambda: registry.files.write_document("run-1", "mapping", 1),
+        ):
             with pytest.raises(PaddlectlError) as caught:
                 work()
             assert caught.value.exit_code == 1
@@ -281,12 +284,12 @@ while faults < 20:
     try:
         name = r.add_run(**plain, settings={{"text": "x" * 3000}}).id
         done += 1
-        r.append_rows(name, "episodes", [{{"order": i, "score": 0.5}} for i in range(100)])
+        r.files.append_rows(name, "episodes", [{{"order": i, "score": 0.5}} for i in range(100)])
     except PaddlectlError as error:
         assert error.exit_code == 1 and ("full" in str(error) or "disk" in str(error)), str(error)
         faults += 1
 assert done == len(r.runs()), (done, len(r.runs()))
-assert all(len(r.read_rows(run.id, "episodes")) in (0, 100) for run in r.runs())
+assert all(len(r.files.read_rows(run.id, "episodes")) in (0, 100) for run in r.runs())
 Path("{disk}/filler").unlink()
 r.add_run(**plain, settings={{}})
 print("whole", done > 5)

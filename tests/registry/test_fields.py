@@ -19,8 +19,9 @@ from paddlectl.experiments.jobs import TransferJob
 from paddlectl.experiments.resuming import job_of
 from paddlectl.hybrid.policy import settings_for
 from paddlectl.methods.catalogue import METHODS
-from paddlectl.registry import bundles, fields
-from paddlectl.registry.check import check
+from paddlectl.registry import fields
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario, load_scenario
 from paddlectl.tasks.suite import load, names
@@ -99,8 +100,8 @@ def test_whatever_is_stored_can_be_exported_and_taken_in_again(
         registry = Registry.open(here)
         add = Filler(registry)
         add.run(**run)
-        registry.append_rows("run-1", "episodes", [row])
-        registry.write_document("run-1", "mapping", row)
+        registry.files.append_rows("run-1", "episodes", [row])
+        registry.files.write_document("run-1", "mapping", row)
         if policy is not None:
             add.policy("run-1", checkpoint=ARRAYS, method=run["method"], **policy)
         registry.finish_run("run-1", **end)

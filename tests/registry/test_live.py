@@ -11,11 +11,15 @@ import pytest
 
 from filler import ARRAYS, Filler
 from paddlectl.errors import IntegrityError, UsageError
-from paddlectl.registry import bundles, database, files, garbage, layout, manifests, objects, runfiles
-from paddlectl.registry import check as checking
-from paddlectl.registry.check import check
-from paddlectl.registry.garbage import collect
-from paddlectl.registry.repair import repair
+from paddlectl.registry import store
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care import check as checking
+from paddlectl.registry.care import files, garbage
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.garbage import collect
+from paddlectl.registry.care.repair import repair
+from paddlectl.registry.files import layout, manifests, objects, runfiles
+from paddlectl.registry.index import database
 from paddlectl.registry.store import Registry
 
 END: dict[str, Any] = {"frames": 10, "episodes": 2, "seconds": 1.5, "results": {}}
@@ -46,15 +50,15 @@ def lived(add: Filler, held: ExitStack) -> None:
     """What may happen between two looks: run-1 ends, run-2 is resumed, run-3 comes and goes on, run-4 too."""
     registry = add.registry
     add.policy("run-1", checkpoint=ARRAYS)
-    registry.append_rows("run-1", "episodes", [{"order": 1}])
+    registry.files.append_rows("run-1", "episodes", [{"order": 1}])
     registry.finish_run("run-1", status="finished", **END)
-    held.enter_context(registry.hold("run-2"))
+    held.enter_context(registry.files.hold("run-2"))
     registry.resume_run("run-2")
-    registry.append_rows("run-2", "episodes", [{"order": 2}])
-    registry.write_document("run-2", "trace", {})
+    registry.files.append_rows("run-2", "episodes", [{"order": 2}])
+    registry.files.write_document("run-2", "trace", {})
     name = add.run().id
-    held.enter_context(registry.hold(name))
-    registry.save_checkpoint(name, {}, ARRAYS)
+    held.enter_context(registry.files.hold(name))
+    registry.files.save_checkpoint(name, {}, ARRAYS)
     add.policy(add.run().id, checkpoint=ARRAYS[:-8] + b"12345678")
     registry.finish_run("run-4", status="finished", **END)
 
@@ -64,7 +68,7 @@ def going(registry: Registry, add: Filler) -> Registry:
     """run-1 goes on, run-2 was interrupted."""
     for _ in range(2):
         run = add.run().id
-        registry.append_rows(run, "episodes", [{"order": 0}])
+        registry.files.append_rows(run, "episodes", [{"order": 0}])
     registry.finish_run("run-2", status="interrupted", **END)
     return registry
 
@@ -87,7 +91,7 @@ def test_nothing_that_others_do_meanwhile_is_a_fault(
 ) -> None:
     monkeypatch.setattr(database, "WAIT", 0.5)  # for the writers: they aren't kept waiting
     with ExitStack() as held:
-        held.enter_context(going.hold("run-1"))
+        held.enter_context(going.files.hold("run-1"))
         meanwhile(*MOMENTS[moment], lambda: lived(add, held))
         assert check(going.folder, read_data=True).findings == []
         assert going.runs()[0].id == "run-4"
@@ -100,8 +104,8 @@ def test_what_is_wrong_is_still_found_at_the_second_look(
     add.policy("run-1", checkpoint=ARRAYS)
     next((going.folder / "objects").iterdir()).unlink()
     with ExitStack() as held:
-        held.enter_context(going.hold("run-1"))
-        meanwhile(checking, "_look_again", lambda: going.append_rows("run-1", "episodes", [{}]))
+        held.enter_context(going.files.hold("run-1"))
+        meanwhile(checking, "_look_again", lambda: going.files.append_rows("run-1", "episodes", [{}]))
         assert {finding.kind for finding in check(going.folder).findings} == {"missing file"}
 
 
@@ -121,13 +125,13 @@ def test_a_row_in_the_making_is_no_fault(
 
         published = threading.Event()
         other = Filler(Registry.open(going.folder))
-        publish = other.registry._publish
-        other.registry._publish = slow  # type: ignore[method-assign]
+        publish = store.publish
+        monkeypatch.setattr(store, "publish", slow)
         threads.append(threading.Thread(target=other.run))
         threads[0].start()
         published.wait(5)
 
-    with going.hold("run-1"):
+    with going.files.hold("run-1"):
         meanwhile(checking, "_look", begin)
         found = {finding.kind for finding in check(going.folder).findings}
     threads[0].join()
@@ -166,7 +170,7 @@ def test_a_run_between_its_entry_and_its_hold_isnt_stopped(registry: Registry, a
         name = other.run().id
         entered.set()
         time.sleep(0.2)
-        with other.registry.hold(name):
+        with other.registry.files.hold(name):
             done.wait(5)
 
     entered, done = threading.Event(), threading.Event()
@@ -185,7 +189,7 @@ def test_a_run_that_ends_while_it_is_looked_at_was_never_stopped(
     going: Registry, meanwhile: Meanwhile, status: str
 ) -> None:
     with ExitStack() as held:
-        held.enter_context(going.hold("run-1"))
+        held.enter_context(going.files.hold("run-1"))
 
         def end() -> None:
             going.finish_run("run-1", status=status, **END)
@@ -206,7 +210,7 @@ def test_who_looks_doesnt_keep_a_run_from_being_held(going: Registry) -> None:
     thread.start()
     try:
         for _ in range(300):
-            with going.hold("run-1"):
+            with going.files.hold("run-1"):
                 pass
     finally:
         done.set()
@@ -223,16 +227,16 @@ def test_a_table_is_read_while_its_run_ends_or_goes_on_again(
     def change() -> None:
         if run == "run-2":
             going.resume_run(run)
-        going.append_rows(run, "episodes", [{"order": 1}])
+        going.files.append_rows(run, "episodes", [{"order": 1}])
         if run == "run-1":
             going.finish_run(run, status="finished", **END)
 
     meanwhile(runfiles, "bytes_of", change, after=run == "run-1")
-    assert {"order": 0} in going.read_rows(run, "episodes")
+    assert {"order": 0} in going.files.read_rows(run, "episodes")
     meanwhile(
-        runfiles, "bytes_of", lambda: going.write_document(run, "trace", {}) if run == "run-2" else None
+        runfiles, "bytes_of", lambda: going.files.write_document(run, "trace", {}) if run == "run-2" else None
     )
-    going.read_document(run, "trace")
+    going.files.read_document(run, "trace")
 
 
 def test_a_table_that_was_cut_back_and_grew_while_it_was_read(
@@ -241,13 +245,13 @@ def test_a_table_that_was_cut_back_and_grew_while_it_was_read(
     torn = [b'{"order": 0}\n{"or{"order": 1}\n']
     real = runfiles.bytes_of
     monkeypatch.setattr(runfiles, "bytes_of", lambda path: torn.pop() if torn else real(path))
-    with going.hold("run-1"):
-        assert going.read_rows("run-1", "episodes") == [{"order": 0}]
+    with going.files.hold("run-1"):
+        assert going.files.read_rows("run-1", "episodes") == [{"order": 0}]
     (going.folder / "runs/run-1/episodes.jsonl").write_bytes(b"{\n")
     with pytest.raises(IntegrityError, match="damaged"):
-        going.read_rows("run-1", "episodes")
-    with going.hold("run-1"), pytest.raises(IntegrityError, match="damaged"):
-        going.read_rows("run-1", "episodes")
+        going.files.read_rows("run-1", "episodes")
+    with going.files.hold("run-1"), pytest.raises(IntegrityError, match="damaged"):
+        going.files.read_rows("run-1", "episodes")
 
 
 @pytest.mark.parametrize("again", ["resumed", "resumed and ended"])
@@ -256,7 +260,7 @@ def test_export_takes_a_run_whole_or_says_that_it_goes_on(
 ) -> None:
     def change() -> None:
         going.resume_run("run-2")
-        going.append_rows("run-2", "episodes", [{"order": 1}])
+        going.files.append_rows("run-2", "episodes", [{"order": 1}])
         if again == "resumed and ended":
             going.finish_run("run-2", status="finished", **END | {"frames": 77})
 
@@ -268,7 +272,7 @@ def test_export_takes_a_run_whole_or_says_that_it_goes_on(
     bundles.export(going, "run-2", tmp_path / "x.zip")
     bundles.import_(lambda: Registry.open(tmp_path / "other"), tmp_path / "x.zip")
     other = Registry.open(tmp_path / "other")
-    assert (other.run("run-1").frames, len(other.read_rows("run-1", "episodes"))) == (77, 2)
+    assert (other.run("run-1").frames, len(other.files.read_rows("run-1", "episodes"))) == (77, 2)
 
 
 def test_export_misses_a_table_that_is_gone(going: Registry, tmp_path: Path) -> None:
@@ -281,21 +285,21 @@ def test_a_checkpoint_that_is_made_anew_under_its_number_is_sound(
     going: Registry, meanwhile: Meanwhile
 ) -> None:
     for frames in (1, 2):
-        going.save_checkpoint("run-1", {"frames": frames}, ARRAYS)
+        going.files.save_checkpoint("run-1", {"frames": frames}, ARRAYS)
     folder = going.folder / "runs/run-1/checkpoints"
 
     def anew() -> None:
         for suffix in ("json", "safetensors"):
             (folder / f"2.{suffix}").unlink()
-        going.save_checkpoint("run-1", {"frames": 3}, ARRAYS[:-8] + bytes(8))
+        going.files.save_checkpoint("run-1", {"frames": 3}, ARRAYS[:-8] + bytes(8))
 
-    with going.hold("run-1"):
+    with going.files.hold("run-1"):
         told = (folder / "2.json").read_bytes()
         meanwhile(documents_of(files), "checked", anew, after=True)
         assert check(going.folder, read_data=True).findings == []
         assert (folder / "2.json").read_bytes() != told
     (folder / "2.safetensors").write_bytes(b"x")
-    with going.hold("run-1"):
+    with going.files.hold("run-1"):
         (finding,) = check(going.folder, read_data=True).findings
     assert finding.kind == "damaged checkpoint"
 
@@ -309,7 +313,7 @@ def documents_of(module: Any) -> Any:
 
 def left_by(registry: Registry, run: str) -> list[Path]:
     """What a killed process may leave in a run's folder."""
-    registry.save_checkpoint(run, {}, ARRAYS)
+    registry.files.save_checkpoint(run, {}, ARRAYS)
     folder = registry.folder / "runs" / run
     left = [folder / ".trace.json.1.part", folder / "checkpoints/7.safetensors"]
     left.append(folder / "checkpoints/.7.json.1.part")
@@ -320,14 +324,14 @@ def left_by(registry: Registry, run: str) -> list[Path]:
 
 def test_gc_touches_no_run_that_a_process_holds(going: Registry) -> None:
     left = left_by(going, "run-1")
-    with going.hold("run-1"):
+    with going.files.hold("run-1"):
         assert check(going.folder).findings == []
         assert collect(going.folder, grace=0, dry=True) == collect(going.folder, grace=0) == []
         assert all(path.exists() for path in left)
     assert len(collect(going.folder, grace=0, dry=True)) == 3
     assert len(collect(going.folder, grace=0)) == 3
     assert not any(path.exists() for path in left)
-    assert going.rewind("run-1") is not None
+    assert going.files.rewind("run-1") is not None
 
 
 @pytest.mark.parametrize("moment", ["_unneeded", "_kept_free", "_belongs"])
@@ -337,7 +341,10 @@ def test_gc_touches_no_run_that_begins_while_it_looks(
     left = left_by(going, "run-1")
     with ExitStack() as held:
         meanwhile(
-            garbage, moment, lambda: held.enter_context(going.hold("run-1")), after=moment == "_unneeded"
+            garbage,
+            moment,
+            lambda: held.enter_context(going.files.hold("run-1")),
+            after=moment == "_unneeded",
         )
         assert collect(going.folder, grace=0) == []
         assert all(path.exists() for path in left)
@@ -349,7 +356,7 @@ def test_nobody_begins_while_gc_unlinks_but_waits(going: Registry, monkeypatch: 
     unlink = Path.unlink
 
     def begin() -> None:
-        with Registry.open(going.folder, create=False).hold("run-1"):
+        with Registry.open(going.folder, create=False).files.hold("run-1"):
             began.append(time.monotonic())
 
     def slowly(path: Path, **given: Any) -> None:

@@ -13,8 +13,9 @@ from sqlalchemy import create_engine
 
 from filler import Filler
 from paddlectl.errors import IntegrityError, PaddlectlError, SchemaVersionError
-from paddlectl.registry import database, schema, sqlite
-from paddlectl.registry.check import check
+from paddlectl.registry import schema
+from paddlectl.registry.care.check import check
+from paddlectl.registry.index import database, sqlite
 from paddlectl.registry.store import Registry
 from released import SCHEMAS, rebuilt
 
@@ -77,7 +78,7 @@ def test_the_list_of_revisions_is_that_of_the_files() -> None:
 
 def test_how_a_registry_is_kept(registry: Registry, location: Path) -> None:
     assert _query(location / "registry.db", "PRAGMA journal_mode") == [("delete",)]
-    with registry._writing.connect() as connection:
+    with registry.index.database.writing().connect() as connection:
         found = {
             name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
             for name in ("foreign_keys", "synchronous", "busy_timeout", "journal_mode", "trusted_schema")
@@ -140,7 +141,7 @@ def test_a_released_schema_is_upgraded_row_for_row(released: str, registry: Regi
     with Registry.open(place, create=False) as opened:
         assert opened.run("run-2").seed == 2**40 + 1
         assert opened.policy("policy-1").metadata["note"] == "é\u2028\x01"
-        assert len(opened.read_rows("run-1", "episodes")) == 5
+        assert len(opened.files.read_rows("run-1", "episodes")) == 5
         assert opened.read_checkpoint(opened.policy("policy-2"))
         assert opened.resume_run("run-3").resumes == 1
         opened.finish_run("run-3", status="interrupted", frames=4096, episodes=7, seconds=2.0, results={})
@@ -210,7 +211,7 @@ def next_version(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(database, "MIGRATIONS", folder)
     monkeypatch.setattr(schema, "REVISIONS", (*schema.REVISIONS, "0005"))
-    monkeypatch.setattr("paddlectl.registry.store.REVISIONS", schema.REVISIONS)
+    monkeypatch.setattr("paddlectl.registry.index.index.REVISIONS", schema.REVISIONS)
     return folder / "versions" / "0005_note.py"
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import objects
+from paddlectl.registry.files import objects
 
 
 @given(data=st.binary(max_size=2000))

@@ -7,10 +7,12 @@ import pytest
 from sqlalchemy import create_engine, inspect, text
 
 from paddlectl.errors import NotFoundError, PaddlectlError, SchemaVersionError, UsageError
-from paddlectl.registry import database, schema
-from paddlectl.registry.check import check
-from paddlectl.registry.repair import repair
-from paddlectl.registry.store import Registry, database_of
+from paddlectl.registry import schema
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.repair import repair
+from paddlectl.registry.index import database
+from paddlectl.registry.index.location import database_of
+from paddlectl.registry.store import Registry
 from postgres import Server
 from released import rebuilt
 
@@ -81,7 +83,7 @@ def test_an_older_schema_is_copied_and_upgraded(
         assert registry.run("run-2").seed == 2**40 + 1
         assert registry.policy("policy-2").program.startswith("1e-05 :: gt_box()")
         assert registry.read_checkpoint(registry.policy("policy-1"))
-        assert registry.read_rows("run-1", "episodes")[3] == {"order": 3, "score": 1.5}
+        assert registry.files.read_rows("run-1", "episodes")[3] == {"order": 3, "score": 1.5}
     (copy,) = [
         name for name in inspect(engine(address)).get_schema_names() if name.startswith("paddlectl_0001_")
     ]

@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 
 from paddlectl.errors import PaddlectlError
-from paddlectl.registry import bundles, rights
-from paddlectl.registry.check import check
-from paddlectl.registry.faults import faults
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.repair import repair
+from paddlectl.registry.files import rights
+from paddlectl.registry.index.faults import faults
 from paddlectl.registry.store import Registry
 from released import rebuilt
 
@@ -26,7 +27,7 @@ import os, sys
 from pathlib import Path
 from filler import Filler
 from paddlectl.errors import PaddlectlError
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 import sqlalchemy.dialects.sqlite.pysqlite
 uid, gid, place = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
@@ -56,18 +57,18 @@ def filled(place: Path, filler: Any) -> None:
     """All that a registry holds: an upgrade's copy, runs with checkpoints, an import, a repair."""
     registry = Registry.open(place)
     filler(registry).all_kinds()
-    with registry.hold("run-3"):
+    with registry.files.hold("run-3"):
         pass
     bundles.export(registry, "run-1", place.parent / "run.zip")
     with Registry.open(place) as other:
         run = filler(other).run(task="GapBall").id
-        other.append_rows(run, "episodes", [{"order": 0}])
+        other.files.append_rows(run, "episodes", [{"order": 0}])
     next((place / "objects").iterdir()).write_bytes(b"damaged")
     (place / "registry.db").rename(place / "gone")
     (place / "gone").unlink()
     assert repair(place, drop_lost=True).done
     bundles.import_(lambda: Registry.open(place), place.parent / "run.zip")
-    registry._database.copy("mine")
+    registry.index.database.copy("mine")
 
 
 def modes(place: Path) -> dict[str, int]:
@@ -134,10 +135,10 @@ with Registry.open(place) as registry:
     add = Filler(registry)
     add.all_kinds()
     registry.resume_run("run-3")
-    registry.rewind("run-3")
-    registry.append_rows("run-3", "episodes", [{"order": 9}])
-    with registry.hold("run-3"):
-        registry.save_checkpoint("run-3", {}, b"x")
+    registry.files.rewind("run-3")
+    registry.files.append_rows("run-3", "episodes", [{"order": 9}])
+    with registry.files.hold("run-3"):
+        registry.files.save_checkpoint("run-3", {}, b"x")
     registry.finish_run("run-3", status="interrupted", frames=1, episodes=1, seconds=1.0, results={})
 print(len(registry.runs()), check(place).faults)
 """
@@ -166,9 +167,9 @@ def told(work):
         print(error.exit_code, str(error).replace(chr(10), " | "))
 registry = Registry(place)
 told(registry.runs)
-told(lambda: registry.append_rows("run-1", "episodes", [{}]))
+told(lambda: registry.files.append_rows("run-1", "episodes", [{}]))
 told(lambda: Filler(registry).run())
-told(lambda: registry.read_rows("run-1", "episodes"))
+told(lambda: registry.files.read_rows("run-1", "episodes"))
 """
 
 

@@ -108,9 +108,17 @@ def test_the_best_policy_of_a_task(
         (lambda r: r.policy("boxdoor"), "no policy for boxdoor", "did you mean BoxDoor?"),
         (lambda r: r.finish_run("run-9", results={}, **END), "no run run-9", "did you mean run-1?"),
         (lambda r: _add_policy(r, "run-9"), "no run run-9", "did you mean run-1?"),
-        (lambda r: r.append_rows("run-9", "episodes", [{}]), "no folder of a run run-9", "paddlectl runs"),
-        (lambda r: r.read_rows("../run-1", "episodes"), "no folder of a run ../run-1", "paddlectl runs"),
-        (lambda r: r.read_document("/etc", "passwd"), "no folder of a run /etc", "paddlectl runs"),
+        (
+            lambda r: r.files.append_rows("run-9", "episodes", [{}]),
+            "no folder of a run run-9",
+            "paddlectl runs",
+        ),
+        (
+            lambda r: r.files.read_rows("../run-1", "episodes"),
+            "no folder of a run ../run-1",
+            "paddlectl runs",
+        ),
+        (lambda r: r.files.read_document("/etc", "passwd"), "no folder of a run /etc", "paddlectl runs"),
     ],
 )
 def test_what_isnt_there_names_the_nearest(
@@ -168,22 +176,22 @@ def test_numbers_that_arent_finite_are_refused_and_nothing_changes(
     registry: Registry, add: Any, value: float
 ) -> None:
     run = add.run()
-    registry.append_rows("run-1", "episodes", [{"score": 1.0}])
+    registry.files.append_rows("run-1", "episodes", [{"score": 1.0}])
     for refused in (
         lambda: add.run(settings={"rate": [value]}),
         lambda: registry.finish_run("run-1", results={"mean_score": value}, **END),
         lambda: registry.finish_run("run-1", results={}, **END | {"seconds": value}),
         lambda: add.policy("run-1", mean_score=value),
         lambda: add.policy("run-1", metadata={"x": value}),
-        lambda: registry.append_rows("run-1", "episodes", [{"score": 2.0}, {"score": value}]),
-        lambda: registry.write_document("run-1", "mapping", {"x": value}),
+        lambda: registry.files.append_rows("run-1", "episodes", [{"score": 2.0}, {"score": value}]),
+        lambda: registry.files.write_document("run-1", "mapping", {"x": value}),
     ):
         with pytest.raises(PaddlectlError, match="can't be stored"):
             refused()
     assert registry.runs() == [run]
     assert registry.policies() == []
-    assert registry.read_rows("run-1", "episodes") == [{"score": 1.0}]
-    assert registry.read_document("run-1", "mapping") is None
+    assert registry.files.read_rows("run-1", "episodes") == [{"score": 1.0}]
+    assert registry.files.read_document("run-1", "mapping") is None
 
 
 def test_a_seed_that_no_column_holds(registry: Registry, add: Any) -> None:
@@ -204,15 +212,18 @@ def test_a_run_ends_in_a_known_state(registry: Registry, add: Any) -> None:
 
 def test_rows_and_documents(registry: Registry, add: Any, location: Path) -> None:
     add.run()
-    assert registry.read_rows("run-1", "episodes") == []
-    assert registry.read_document("run-1", "mapping") is None
-    registry.append_rows("run-1", "episodes", [{"order": 0}, {"order": 1}])
-    registry.append_rows("run-1", "episodes", [])
-    registry.append_rows("run-1", "episodes", iter([{"order": 2, "text": "a\u2028b\n"}]))
-    registry.write_document("run-1", "mapping", {"target": "A"})
-    registry.write_document("run-1", "mapping", {"target": "B"})
-    assert registry.read_rows("run-1", "episodes")[1:] == [{"order": 1}, {"order": 2, "text": "a\u2028b\n"}]
-    assert registry.read_document("run-1", "mapping") == {"target": "B"}
+    assert registry.files.read_rows("run-1", "episodes") == []
+    assert registry.files.read_document("run-1", "mapping") is None
+    registry.files.append_rows("run-1", "episodes", [{"order": 0}, {"order": 1}])
+    registry.files.append_rows("run-1", "episodes", [])
+    registry.files.append_rows("run-1", "episodes", iter([{"order": 2, "text": "a\u2028b\n"}]))
+    registry.files.write_document("run-1", "mapping", {"target": "A"})
+    registry.files.write_document("run-1", "mapping", {"target": "B"})
+    assert registry.files.read_rows("run-1", "episodes")[1:] == [
+        {"order": 1},
+        {"order": 2, "text": "a\u2028b\n"},
+    ]
+    assert registry.files.read_document("run-1", "mapping") == {"target": "B"}
     assert {p.name for p in (location / "runs/run-1").iterdir()} == {"episodes.jsonl", "mapping.json"}
 
 
@@ -227,10 +238,10 @@ JSON = st.recursive(
 @given(document=JSON, row=st.dictionaries(st.text(), JSON, max_size=4))
 def test_json_comes_back_as_it_was(registry: Registry, add: Any, document: Any, row: dict[str, Any]) -> None:
     run = add.run(settings=row).id
-    registry.append_rows(run, "rows", [row, row])
-    registry.write_document(run, "document", document)
-    assert registry.read_rows(run, "rows") == [row, row]
-    assert registry.read_document(run, "document") == document
+    registry.files.append_rows(run, "rows", [row, row])
+    registry.files.write_document(run, "document", document)
+    assert registry.files.read_rows(run, "rows") == [row, row]
+    assert registry.files.read_document(run, "document") == document
     assert registry.run(run).settings == row
 
 
@@ -238,10 +249,10 @@ def test_json_comes_back_as_it_was(registry: Registry, add: Any, document: Any, 
 def test_no_name_leaves_the_folder(registry: Registry, add: Any, location: Path, name: str) -> None:
     add.run()
     for use in (
-        lambda: registry.append_rows("run-1", name, [{}]),
-        lambda: registry.read_rows("run-1", name),
-        lambda: registry.write_document("run-1", name, {}),
-        lambda: registry.read_document("run-1", name),
+        lambda: registry.files.append_rows("run-1", name, [{}]),
+        lambda: registry.files.read_rows("run-1", name),
+        lambda: registry.files.write_document("run-1", name, {}),
+        lambda: registry.files.read_document("run-1", name),
     ):
         with pytest.raises(ValueError, match="not a name"):
             use()
@@ -256,8 +267,8 @@ def test_a_row_torn_at_any_byte_is_dropped_and_then_cut_off(
     torn = json.dumps({"order": 1, "long": "x" * 70_000})
     for length in (1, 5, len(torn) // 2, len(torn)):
         path.write_text('{"order": 0}\n' + torn[:length])
-        assert registry.read_rows("run-1", "episodes") == [{"order": 0}]
-        registry.append_rows("run-1", "episodes", [{"order": 2}])
+        assert registry.files.read_rows("run-1", "episodes") == [{"order": 0}]
+        registry.files.append_rows("run-1", "episodes", [{"order": 2}])
         assert path.read_text() == '{"order": 0}\n{"order": 2}\n'
 
 
@@ -267,7 +278,7 @@ def test_a_damaged_line_is_told_with_its_place(registry: Registry, add: Any, loc
     for damage in (b"{\n", b"[1]\n", b"\xff\n", b'{"a": NaN}\n', b"[" * 100_000 + b"\n", b"9" * 5000 + b"\n"):
         path.write_bytes(b'{"order": 0}\n' + damage)
         with pytest.raises(IntegrityError, match=r"episodes\.jsonl:2 is damaged"):
-            registry.read_rows("run-1", "episodes")
+            registry.files.read_rows("run-1", "episodes")
 
 
 def test_a_run_doesnt_write_into_a_folder_that_is_there(registry: Registry, add: Any, location: Path) -> None:
@@ -287,7 +298,7 @@ def test_reading_loads_neither_alembic_nor_torch_nor_numpy(registry: Registry, a
         "import sys; from paddlectl.registry.store import Registry\n"
         f"r = Registry.open({registry.location!r}, create=False)\n"
         "r.runs(), r.policies(), r.run('run-1'), r.read_checkpoint(r.policy('BoxDoor'))\n"
-        "r.read_rows('run-1', 'episodes')\n"
+        "r.files.read_rows('run-1', 'episodes')\n"
         "print([m for m in ('alembic', 'torch', 'numpy', 'sqlalchemy.orm') if m in sys.modules])"
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=_with_source())

@@ -26,8 +26,8 @@ def explained(registry, weights=None, trace=None):
         kind="transfer", method="paddle", task="BlockedBoxUnlockPickup", scenario="A",
         sources=["policy-1", "policy-2"], seed=0, settings={}, versions={},
     )  # fmt: skip
-    registry.append_rows(run.id, "weights", weight_rows() if weights is None else weights)
-    registry.write_document(run.id, "trace", {"early": [trace or decision()], "late": []})
+    registry.files.append_rows(run.id, "weights", weight_rows() if weights is None else weights)
+    registry.files.write_document(run.id, "trace", {"early": [trace or decision()], "late": []})
     document = explanation_document(registry, registry.run(run.id))
     print_text(explanation_parts(document, registry.run(run.id)))
     return document

@@ -4,7 +4,7 @@ import pytest
 
 from paddlectl.cli.app import main
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import bundles
+from paddlectl.registry.bundles import bundles
 from paddlectl.registry.store import Registry
 from paddlectl.report import followed
 from paddlectl.report.explained import explanation_parts
@@ -32,9 +32,9 @@ def add(registry, rows=(), documents=None, sources=SOURCES, method="novel"):
         kind="transfer", method=method, task=TARGET, scenario="A", sources=sources, seed=0, settings={},
         versions={},
     )  # fmt: skip
-    registry.append_rows(run.id, "reuse", rows)
+    registry.files.append_rows(run.id, "reuse", rows)
     for name, document in (documents or {}).items():
-        registry.write_document(run.id, name, document)
+        registry.files.write_document(run.id, name, document)
     return run.id
 
 
@@ -125,7 +125,7 @@ def test_much_is_cut_down_to_what_can_be_read(registry, capsys):
     given += [
         row(source, 1 + number, 40_000, context) for number, context in enumerate(scenes) for source in last
     ]
-    registry.append_rows(run, "reuse", given)
+    registry.files.append_rows(run, "reuse", given)
     document, told = explained(registry, run, capsys)
     assert len(document["reuse"]) == len(given)
     assert "20 earlier periods are told by --json only." in told

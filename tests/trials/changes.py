@@ -8,7 +8,7 @@ from typing import Any
 
 from filler import Filler
 from paddlectl.errors import IntegrityError
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 
 Use = Callable[[], Any]
@@ -67,7 +67,7 @@ def _uses(registry: Registry) -> dict[str, Use]:
 
 def _go_back(registry: Registry) -> None:
     """To the newest whole checkpoint; that a damaged one was passed over for the one before is told."""
-    found = registry.rewind("run-3")
+    found = registry.files.rewind("run-3")
     assert found is not None
     if found.skipped:
         assert found.document == {"frames": 1}

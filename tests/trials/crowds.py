@@ -11,7 +11,7 @@ from typing import Any
 
 from sqlalchemy import select, update
 
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
 from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
 from released import rebuilt
@@ -105,7 +105,7 @@ def _read(place: Path, enough: int) -> int:
 def _count(place: Path, count: int) -> None:
     registry = Registry.open(place)
     for _ in range(count):
-        with registry.mending() as connection:
+        with registry.index.writing() as connection:
             frames = connection.scalar(select(runs.c.frames).where(runs.c.id == 1))
             connection.execute(update(runs).where(runs.c.id == 1).values(frames=frames + 1))
 

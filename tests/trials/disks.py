@@ -18,9 +18,9 @@ import safetensors.numpy
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import resume
-from paddlectl.registry import bundles
-from paddlectl.registry.check import check
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from trials.killed_writers import write_one
 from trials.runs import add_sources, begin, ended, quiet, small
@@ -82,7 +82,7 @@ def failing_writes(count: int, seed: int, folder: Path) -> dict[str, Any]:
     operations: dict[str, Callable[[Path], Any]] = {
         "write": lambda place: write_one(Registry(place), 7),
         "import": lambda place: bundles.import_(lambda: Registry(place), folder / "two.zip"),
-        "checkpoint": lambda place: Registry(place).save_checkpoint("run-3", {}, ARRAYS),
+        "checkpoint": lambda place: Registry(place).files.save_checkpoint("run-3", {}, ARRAYS),
         "resume": lambda place: Registry(place).resume_run("run-3"),
         "finish": lambda place: Registry(place).finish_run(
             "run-3", status="interrupted", frames=1, episodes=1, seconds=1.0, results={}

@@ -10,7 +10,7 @@ from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.processes import rows_of, run_jobs
 from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.runner import run_transfer, train_source
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 from small_transfer import SMALL, job
 from trials.runs import KINDS, StopAfter, add_sources, begin, ended, quiet, small

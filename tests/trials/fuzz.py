@@ -20,9 +20,9 @@ from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.logic.atoms import Literal, Predicate
 from paddlectl.logic.clauses import Clause, Program
 from paddlectl.logic.syntax import format_program, parse_program
-from paddlectl.registry import bundles
-from paddlectl.registry.check import check
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import load_scenario
 from samples import SCENARIO

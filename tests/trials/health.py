@@ -11,10 +11,10 @@ import numpy as np
 import safetensors.numpy
 
 from filler import ARRAYS, Filler
-from paddlectl.registry import bundles
-from paddlectl.registry.check import check
-from paddlectl.registry.garbage import collect
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.garbage import collect
+from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from released import rebuilt
 from trials.faults import FAULTS
@@ -50,9 +50,9 @@ class Life:
         ).id
         for name in self.dice.sample(["episodes", "progress", "weights"], self.dice.randrange(4)):
             rows = [{"order": n, "score": self.dice.random()} for n in range(self.dice.randrange(200))]
-            self.registry.append_rows(run, name, rows)
+            self.registry.files.append_rows(run, name, rows)
         if sources:
-            self.registry.write_document(run, "mapping", {"target": "T", "ψ": [self.dice.random()]})
+            self.registry.files.write_document(run, "mapping", {"target": "T", "ψ": [self.dice.random()]})
         return run
 
     def finished(self, run: str = "") -> None:
@@ -61,7 +61,7 @@ class Life:
         data = ARRAYS if shared else _arrays(self.dice.randrange(1, 20_000), self.dice)
         self.add.policy(run, checkpoint=data)
         self.registry.finish_run(run, status="finished", **ENDS)
-        self.registry.drop_checkpoints(run)
+        self.registry.files.drop_checkpoints(run)
 
     def stopped(self) -> str:
         run = self.running(held=False)
@@ -75,17 +75,17 @@ class Life:
         """A run that another process is at, for all that the registry knows."""
         run = self.begun()
         if held:
-            self.held.enter_context(self.registry.hold(run))
+            self.held.enter_context(self.registry.files.hold(run))
         for number in range(self.dice.randrange(1, 4)):
-            self.registry.append_rows(run, "episodes", [{"order": number}])
-            self.registry.save_checkpoint(run, {"frames": number}, ARRAYS)
+            self.registry.files.append_rows(run, "episodes", [{"order": number}])
+            self.registry.files.save_checkpoint(run, {"frames": number}, ARRAYS)
         return run
 
     def resumed(self) -> None:
         run = self.stopped()
         self.registry.resume_run(run)
-        self.registry.rewind(run)
-        self.registry.append_rows(run, "episodes", [{"order": 99}])
+        self.registry.files.rewind(run)
+        self.registry.files.append_rows(run, "episodes", [{"order": 99}])
         self.finished(run)
 
     def imported(self) -> None:
@@ -167,14 +167,14 @@ def checked_bytes(count: int, seed: int, folder: Path) -> dict[str, Any]:
             rows = [
                 {"order": n, "score": dice.random(), "length": n % 320, "success": True} for n in range(4000)
             ]
-            registry.append_rows(run, "episodes", rows)
+            registry.files.append_rows(run, "episodes", rows)
             data = safetensors.numpy.save({"x": np.frombuffer(dice.randbytes(SIZE), np.uint8)})
             if dice.random() < 0.75:
                 add.policy(run, checkpoint=data)
                 registry.finish_run(run, status="finished", **ENDS)
             else:
-                held.enter_context(registry.hold(run))
-                registry.save_checkpoint(run, {}, data)
+                held.enter_context(registry.files.hold(run))
+                registry.files.save_checkpoint(run, {}, data)
             written += SIZE
         speeds: list[float] = []
         for _ in range(3):

@@ -11,7 +11,7 @@ from typing import Any
 
 from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import resume
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 from samples import ROOT
 from trials.runs import KINDS, add_sources, begin, ended, quiet, small
@@ -81,7 +81,7 @@ def killed_runs(kills: int, seed: int, folder: Path) -> dict[str, Any]:
 
 def _lost(registry: Registry, run: str) -> int:
     """Rounds that the tables know and the newest checkpoint doesn't, a checkpoint being kept each round."""
-    from paddlectl.registry import checkpoints
+    from paddlectl.registry.files import checkpoints
 
     folder = registry.folder / "runs" / run
     told = (

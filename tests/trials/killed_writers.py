@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import safetensors.numpy
 
-from paddlectl.registry import bundles
-from paddlectl.registry.check import check
-from paddlectl.registry.garbage import collect
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.garbage import collect
+from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from released import rebuilt
 from trials.killed_runs import child
@@ -27,7 +27,7 @@ END: dict[str, Any] = {"status": "finished", "episodes": 1, "seconds": 1.0, "res
 
 def write_one(registry: Registry, number: int) -> tuple[str, str]:
     run = registry.add_run(**PLAIN, seed=number, settings={"text": "x" * 500}, versions={}).id
-    registry.append_rows(run, "episodes", [{"order": number}])
+    registry.files.append_rows(run, "episodes", [{"order": number}])
     policy = registry.add_policy(
         run=run, task="BoxDoor", domain="minigrid", method="hdm", seed=number, frames=1, program="",
         checkpoint=safetensors.numpy.save({"x": np.full(500, number, np.float32)}), metadata={}, **FIGURES,

@@ -11,10 +11,10 @@ from filler import ARRAYS, Filler
 from paddlectl.cli.completion import policy_names, stopped_names, transfer_names
 from paddlectl.cli.resume import stopped_runs
 from paddlectl.errors import UsageError
-from paddlectl.registry import bundles
-from paddlectl.registry.check import check
-from paddlectl.registry.garbage import collect
-from paddlectl.registry.repair import repair
+from paddlectl.registry.bundles import bundles
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.garbage import collect
+from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from paddlectl.report.explanation import explanation_document
 from paddlectl.report.programs import program_document
@@ -73,30 +73,30 @@ def _runs(place: Path, seed: int) -> None:
 def _run(add: Filler, dice: random.Random) -> None:
     """A run as a command does it, interrupted and resumed once or not."""
     registry, name = add.registry, add.run(kind="transfer", scenario="A, live").id
-    with registry.hold(name):
+    with registry.files.hold(name):
         _rounds(registry, name)
         if dice.random() < 0.5:
             return _finished(add, name, dice)
         registry.finish_run(name, status="interrupted", **END)
-    with registry.hold(name):
+    with registry.files.hold(name):
         registry.resume_run(name)
-    with registry.hold(name):
-        assert registry.rewind(name) is not None
+    with registry.files.hold(name):
+        assert registry.files.rewind(name) is not None
         _rounds(registry, name)
         return _finished(add, name, dice)
 
 
 def _rounds(registry: Registry, name: str) -> None:
     for number in range(ROUNDS):
-        registry.append_rows(name, "episodes", [{"order": number, "score": 0.5}] * 20)
-        registry.write_document(name, "trace", TRACE)
-        registry.save_checkpoint(name, {"frames": number}, ARRAYS)
+        registry.files.append_rows(name, "episodes", [{"order": number, "score": 0.5}] * 20)
+        registry.files.write_document(name, "trace", TRACE)
+        registry.files.save_checkpoint(name, {"frames": number}, ARRAYS)
 
 
 def _finished(add: Filler, name: str, dice: random.Random) -> None:
     add.policy(name, checkpoint=ARRAYS[:-8] + dice.randbytes(8))
     add.registry.finish_run(name, status="finished", **END)
-    add.registry.drop_checkpoints(name)
+    add.registry.files.drop_checkpoints(name)
 
 
 def _imports(place: Path, elsewhere: Path) -> None:
@@ -104,7 +104,7 @@ def _imports(place: Path, elsewhere: Path) -> None:
     with Registry.open(elsewhere) as registry:
         add = Filler(registry)
         name = add.run().id
-        registry.append_rows(name, "episodes", [{"order": 0}])
+        registry.files.append_rows(name, "episodes", [{"order": 0}])
         _finished(add, name, random.Random(name))
         bundles.export(registry, name, bundle)
     bundles.import_(lambda: Registry.open(place), bundle)
@@ -142,7 +142,7 @@ def explains(registry: Registry, dice: random.Random, folder: Path) -> None:
     newest = registry.newest_transfer()
     assert newest is not None
     explanation_document(registry, newest)
-    assert len(registry.read_rows(newest.id, "episodes")) % 20 == 0
+    assert len(registry.files.read_rows(newest.id, "episodes")) % 20 == 0
 
 
 def shows(registry: Registry, dice: random.Random, folder: Path) -> None:

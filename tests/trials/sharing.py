@@ -9,8 +9,8 @@ from typing import Any
 
 from filler import ARRAYS, Filler
 from paddlectl.errors import RegistryBusyError
-from paddlectl.registry import checkpoints
-from paddlectl.registry.check import check
+from paddlectl.registry.care.check import check
+from paddlectl.registry.files import checkpoints
 from paddlectl.registry.store import Registry
 from trials.crowds import together
 
@@ -60,15 +60,15 @@ def _use(place: Path, user: int, mask: int) -> int:
         add = Filler(registry)
         for _ in range(2):
             run = add.run(seed=user).id
-            registry.append_rows(run, "episodes", [{"order": 0}])
+            registry.files.append_rows(run, "episodes", [{"order": 0}])
             add.policy(run, checkpoint=ARRAYS)
             registry.finish_run(run, status="finished", frames=1, episodes=1, seconds=1.0, results={})
         stopped = add.run(seed=user).id
-        with registry.hold(stopped):
-            registry.save_checkpoint(stopped, {}, ARRAYS)
+        with registry.files.hold(stopped):
+            registry.files.save_checkpoint(stopped, {}, ARRAYS)
         for policy in registry.policies():
             assert registry.read_checkpoint(policy) == ARRAYS
-            assert registry.read_rows(policy.run, "episodes") in ([{"order": 0}], [])
+            assert registry.files.read_rows(policy.run, "episodes") in ([{"order": 0}], [])
         gone_on = sum(_gone_on(registry, run.id) for run in registry.runs() if run.seed != user)
         assert not check(place).faults
     return gone_on
@@ -79,11 +79,11 @@ def _gone_on(registry: Registry, run: str) -> bool:
     if not checkpoints.numbers(registry.folder / "runs" / run):
         return False
     try:
-        with registry.hold(run):
+        with registry.files.hold(run):
             registry.resume_run(run)
-            registry.rewind(run)
-            registry.append_rows(run, "episodes", [{"order": 1}])
-            registry.save_checkpoint(run, {}, ARRAYS)
+            registry.files.rewind(run)
+            registry.files.append_rows(run, "episodes", [{"order": 1}])
+            registry.files.save_checkpoint(run, {}, ARRAYS)
     except RegistryBusyError:
         return False
     return True

@@ -48,7 +48,7 @@ def transfer_run(registry: "Registry", run: str) -> "RunRecord":
     Raises:
         NotFoundError: If there is none, or it isn't a transfer.
     """
-    from paddlectl.registry.queries import next_step
+    from paddlectl.registry.index.queries import next_step
 
     if run == LATEST:
         if newest := registry.newest_transfer():

@@ -10,7 +10,7 @@ from paddlectl.cli.options import AsJson, RegistryPlace, complete_held, file_at
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from paddlectl.registry.findings import Finding, Report
+    from paddlectl.registry.care.findings import Finding, Report
 
 app = typer.Typer(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 EXAMPLE = "Example: paddlectl registry check --read-data"
@@ -32,7 +32,7 @@ def check(
 ) -> int:
     """Look for anything missing, changed or left over; changes nothing. Exit 5 if there is a fault."""
     from paddlectl.cli.texts import here
-    from paddlectl.registry import check as checking
+    from paddlectl.registry.care import check as checking
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import FINDINGS, table
 
@@ -63,7 +63,7 @@ def repair(
 
     Exit 5 if something can't be mended, or a run or policy would be lost; nothing is changed then.
     """
-    from paddlectl.registry import repair as mending
+    from paddlectl.registry.care import repair as mending
     from paddlectl.report.output import clean, print_json, print_text
     from paddlectl.report.tables import FINDINGS, table
 
@@ -91,7 +91,7 @@ def gc(
     as_json: AsJson = False,
 ) -> None:
     """Remove what is left over: files that no run and no policy needs."""
-    from paddlectl.registry.garbage import collect
+    from paddlectl.registry.care.garbage import collect
     from paddlectl.report.output import clean, print_json, print_text
 
     removed = collect(registry, grace=older_than, dry=dry_run)
@@ -123,7 +123,7 @@ def export(
 ) -> None:
     """Write a policy, or a run with its tables, as one file: a zipped model folder with its card."""
     from paddlectl.cli.named import policy_named
-    from paddlectl.registry import bundles
+    from paddlectl.registry.bundles import bundles
     from paddlectl.registry.names import number_of
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import clean, print_json, print_text
@@ -148,7 +148,7 @@ def import_(
     as_json: AsJson = False,
 ) -> None:
     """Take in what `export` wrote, wholly or not at all; anything else is refused with exit 5."""
-    from paddlectl.registry import bundles
+    from paddlectl.registry.bundles import bundles
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import clean, print_json, print_text
 

@@ -5,7 +5,7 @@ import re
 import shlex
 import sys
 
-from paddlectl.registry.addresses import secrets_of, without
+from paddlectl.registry.index.addresses import secrets_of, without
 
 _LOGIN = re.compile(r"(:/+|\w//).*@|(://)[^\s/@]*:[^@\s]*")  # the latter where a message was cut
 _KEY = re.compile(r"((?:password|passwd|pwd)=)[^\s&\"']+", re.IGNORECASE)

@@ -52,8 +52,8 @@ class RunLog:
     def write(self, round_: Round) -> None:
         """Appends the round that was just taken in to the run's tables."""
         row = {**self.counts(), **self.curve.rates(), **round_.figures}
-        self._registry.append_rows(self.run, "episodes", map(_episode_row, round_.episodes))
-        self._registry.append_rows(self.run, "progress", [row])
+        self._registry.files.append_rows(self.run, "episodes", map(_episode_row, round_.episodes))
+        self._registry.files.append_rows(self.run, "progress", [row])
 
     def go_on(self, frames: int, seconds: float) -> None:
         """Counts on from what the run had done before it was stopped."""
@@ -84,7 +84,7 @@ class RunLog:
             IntegrityError: If it isn't what was written.
         """
         try:
-            for row in self._registry.each_row(self.run, "episodes"):
+            for row in self._registry.files.each_row(self.run, "episodes"):
                 yield Row(int(row["order"]), int(row["started"]), float(row["score"]))
         except (KeyError, TypeError, ValueError) as error:
             raise IntegrityError(
@@ -97,7 +97,7 @@ def recorded(registry: Registry, run: RunRecord) -> Iterator[RunLog]:
     """Holds the run, and marks it finished, interrupted or failed, whichever way the block is left."""
     log = RunLog(registry, run)
     status = "failed"
-    with registry.hold(run.id):
+    with registry.files.hold(run.id):
         try:
             yield log
             status = "finished"
@@ -108,7 +108,7 @@ def recorded(registry: Registry, run: RunRecord) -> Iterator[RunLog]:
             if not log.goes_on:
                 status = "interrupted"  # it is as it was
             registry.finish_run(run.id, status=status, results=log.results, **log.counts())
-        registry.drop_checkpoints(run.id)
+        registry.files.drop_checkpoints(run.id)
 
 
 def versions() -> dict[str, str]:

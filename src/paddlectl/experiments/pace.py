@@ -10,8 +10,8 @@ from paddlectl.errors import IntegrityError, UsageError
 from paddlectl.experiments import snapshot
 from paddlectl.experiments.log import RunLog
 from paddlectl.experiments.stop import Stop
+from paddlectl.registry.index.queries import next_step
 from paddlectl.registry.names import ELSEWHERE
-from paddlectl.registry.queries import next_step
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 
@@ -57,7 +57,7 @@ class Pace:
         if self.resumed is None:
             run = new()
         else:
-            with registry.hold(self.resumed):
+            with registry.files.hold(self.resumed):
                 run = registry.resume_run(self.resumed)
         self.begun(run.id)
         return run
@@ -98,7 +98,7 @@ class Pace:
                 signal.setitimer(signal.ITIMER_REAL, 0)
             began = time.monotonic()
             tree, arrays = snapshot.capture(kept)
-            registry.save_checkpoint(log.run, {"begun": begun, "state": tree, **log.counts()}, arrays)
+            registry.files.save_checkpoint(log.run, {"begun": begun, "state": tree, **log.counts()}, arrays)
             took = time.monotonic() - began
             due = time.monotonic() + max(self.every, took / SHARE if self.every else 0.0)
             if stopping:
@@ -113,7 +113,7 @@ class Pace:
                 signal.setitimer(signal.ITIMER_REAL, 0)
 
     def _rewind(self, registry: Registry, log: RunLog, kept: dict[str, Any], begun: str) -> None:
-        found = registry.rewind(log.run)
+        found = registry.files.rewind(log.run)
         if found is None:
             self.tell(f"{log.run} has no checkpoint, so it starts from its beginning")
             log.go_on(0, 0.0)

@@ -162,10 +162,14 @@ def _mark(location: str, run: str) -> None:
     """Marks a run as interrupted whose process couldn't do it, with what its tables tell."""
     from paddlectl.registry.store import Registry
 
-    with suppress(PaddlectlError), Registry.open(location, create=False) as registry, registry.hold(run):
+    with (
+        suppress(PaddlectlError),
+        Registry.open(location, create=False) as registry,
+        registry.files.hold(run),
+    ):
         if registry.run(run).status == "running":
-            rows = registry.read_rows(run, "progress")[-1:] or [{"frames": 0, "episodes": 0, "seconds": 0.0}]
-            counts = {name: rows[0][name] for name in ("frames", "episodes", "seconds")}
+            last = registry.files.read_rows(run, "progress")[-1:]
+            counts = {name: last[0][name] if last else 0 for name in ("frames", "episodes", "seconds")}
             registry.finish_run(run, status="interrupted", results={}, **counts)
 
 

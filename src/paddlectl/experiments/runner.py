@@ -153,12 +153,12 @@ def _learned(
 
 def _keep_rows(registry: Registry, run: RunRecord, tables: Any) -> None:
     for name, rows in tables.items():
-        registry.append_rows(run.id, name, rows)
+        registry.files.append_rows(run.id, name, rows)
 
 
 def _keep_documents(registry: Registry, run: RunRecord, documents: Any) -> None:
     for name, document in documents.items():
-        registry.write_document(run.id, name, document)
+        registry.files.write_document(run.id, name, document)
 
 
 def _source(registry: Registry, policy: str) -> Source:

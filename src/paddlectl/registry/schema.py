@@ -19,7 +19,7 @@ from sqlalchemy import (
 )
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry.documents import from_json
+from paddlectl.registry.files.documents import from_json
 from paddlectl.registry.records import PolicyRecord, RunRecord
 
 # Every revision in migrations/versions, oldest first. Kept here so that reading needs no alembic.
@@ -82,6 +82,9 @@ policies = Table(
 )
 
 identity = Table("identity", metadata, Column("id", Text, primary_key=True))  # one row
+
+ROW_TABLES = {"run": runs, "policy": policies}
+"""By the kind that begins the names of their rows."""
 
 _REPAIR = "run: paddlectl registry repair"
 _VALUES = {"INTEGER": int, "BIGINT": int, "FLOAT": float, "TEXT": str}

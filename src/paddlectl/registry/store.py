@@ -1,35 +1,30 @@
 """The registry: what was trained, with its programs, checkpoints and figures, in one folder."""
 
-import re
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from sqlalchemy import Connection, func, select, update
+from sqlalchemy import func, select, update
 
-from paddlectl.errors import NotFoundError, UsageError
-from paddlectl.registry import documents, fields, identity, layout, objects
-from paddlectl.registry.addresses import is_like_one
-from paddlectl.registry.database import Database, stamp
-from paddlectl.registry.entry import Entry
-from paddlectl.registry.faults import faults
-from paddlectl.registry.names import ELSEWHERE, number_of, shown
-from paddlectl.registry.postgres import PostgresDatabase
-from paddlectl.registry.queries import best_policy, count, find_policy, find_run, next_step
+from paddlectl.errors import UsageError
+from paddlectl.registry import fields
+from paddlectl.registry.files import documents, layout, objects
+from paddlectl.registry.files.faults import disk_faults
+from paddlectl.registry.files.runfiles import RunFiles
+from paddlectl.registry.index.entry import enter, publish
+from paddlectl.registry.index.index import Index
+from paddlectl.registry.index.queries import best_policy, count, find_policy, find_run, next_step
+from paddlectl.registry.names import ELSEWHERE, number_of
 from paddlectl.registry.records import RUN_STATES, Label, PolicyRecord, RunRecord
-from paddlectl.registry.schema import REVISIONS, policies, policy_records, run_records, runs, select_runs
-from paddlectl.registry.sqlite import SqliteDatabase
+from paddlectl.registry.schema import policies, policy_records, run_records, runs, select_runs
 
 Which = Literal["policies", "programs", "transfers", "ended", "stopped"]
-_ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
-_PLACES = "give a folder, or postgresql://…?files=FOLDER"
 
 
-class Registry(Entry):
+class Registry:
     """A folder with `registry.db`, `identity`, `manifests/`, `objects/<sha256>.safetensors`, `runs/<run>/`.
 
     It holds no open file between calls, so it may be kept, closed, forked or dropped at any time. Processes
@@ -41,15 +36,15 @@ class Registry(Entry):
         location: The folder or address, as it was given.
         shown: The same for messages, without a password.
         folder: Where its files are.
+        index: The rows.
+        files: The tables, documents and checkpoints of its runs.
     """
-
-    location: str
 
     def __init__(self, location: str | Path) -> None:
         self.location = str(location).removeprefix("sqlite:///")
-        self._database = database_of(location)
-        self.shown, self.folder = self._database.shown, self._database.folder
-        self._reading, self._writing = self._database.reading(), self._database.writing()
+        self.index = Index(location)
+        self.shown, self.folder = self.index.shown, self.index.folder
+        self.files = RunFiles(self.folder, self.shown)
 
     @classmethod
     def open(cls, location: str | Path, *, create: bool = True) -> "Registry":
@@ -65,26 +60,12 @@ class Registry(Entry):
             IntegrityError: If it is damaged, or its folder isn't its own.
         """
         registry = cls(location)
-        index = registry._database
-        with faults(index.shown):
-            if not index.exists():
-                identity.require_unowned(index)
-                if not create:
-                    layout.refuse_orphans(index.folder)
-                    raise NotFoundError(f"no registry at {index.shown}", "run: paddlectl train BoxDoor")
-                index.create()
-            with registry._reading.begin() as connection:
-                found = stamp(connection, index.file)
-            if found in REVISIONS[:-1]:
-                index.upgrade()
-        with registry._transaction(registry._reading) as connection:
-            identity.require(index, identity.of_index(connection))
+        registry.index.open(create=create)
         return registry
 
     def close(self) -> None:
         """Ends the use of the registry."""
-        self._reading.dispose()
-        self._writing.dispose()
+        self.index.close()
 
     def __enter__(self) -> Self:
         return self
@@ -127,10 +108,10 @@ class Registry(Entry):
         row |= {name: documents.to_json(row[name], name) for name in ("sources", "settings", "versions")}
         row |= {"status": "running", "frames": 0, "episodes": 0, "seconds": 0.0, "results": "{}"}
         row["created"] = _now()
-        with self._transaction(self._writing) as connection:
-            name = f"run-{self._insert(connection, 'run', row)}"
-            self._make_run_folder(name)
-            self._publish(connection, name)
+        with self.index.writing() as connection:
+            name = f"run-{enter(self.index.database, connection, 'run', row)}"
+            layout.make_run(self.folder, name)
+            publish(self.folder, connection, name)
             return find_run(connection, name)
 
     def finish_run(
@@ -153,27 +134,27 @@ class Registry(Entry):
         }
         _require(row, fields.RUN, run)
         row["results"] = documents.to_json(dict(results), "results")
-        with self._transaction(self._writing) as connection:
+        with self.index.writing() as connection:
             number = number_of(find_run(connection, run).id, "run")
-            documents.sync_files(self._run_folder(run))
+            self.files.sync(run)
             connection.execute(update(runs).where(runs.c.id == number).values(row))
-            self._publish(connection, run)
+            publish(self.folder, connection, run)
             return find_run(connection, run)
 
     def resume_run(self, run: str) -> RunRecord:
-        """Marks a run that had stopped as `running` again; its process holds it meanwhile (`hold`).
+        """Marks a run that had stopped as `running` again; its process holds it meanwhile (`files.hold`).
 
         Raises:
             NotFoundError: If there is no such run.
             UsageError: If it is finished.
         """
-        with self._transaction(self._writing) as connection:
+        with self.index.writing() as connection:
             found = find_run(connection, run)
             if found.status == "finished":
                 raise UsageError(f"{run} is finished", next_step(found))
             again = {"status": "running", "finished": None, "resumes": found.resumes + 1}
             connection.execute(update(runs).where(runs.c.id == number_of(run, "run")).values(again))
-            self._publish(connection, run)
+            publish(self.folder, connection, run)
             return find_run(connection, run)
 
     def run(self, run: str) -> RunRecord:
@@ -182,7 +163,7 @@ class Registry(Entry):
         Raises:
             NotFoundError: If there is none; with the nearest id.
         """
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             return find_run(connection, run)
 
     def runs(self) -> list[RunRecord]:
@@ -191,24 +172,24 @@ class Registry(Entry):
 
     def newest_runs(self, most: int | None = None) -> tuple[list[RunRecord], int]:
         """At most so many runs, newest first, and how many there are in all."""
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             newest_first = select_runs().order_by(runs.c.id.desc()).limit(most)
             return run_records(connection.execute(newest_first)), count(connection, runs)
 
     def stopped_runs(self) -> list[RunRecord]:
         """Runs that were stopped and that no process goes on with, oldest first; not those that failed."""
-        free = {run.id for run in self._unfinished_runs() if not self.goes_on(run.id)}
+        free = {run.id for run in self._unfinished_runs() if not self.files.goes_on(run.id)}
         # Another process may have finished one before it was looked at, or resumed one since.
-        return [run for run in self._unfinished_runs() if run.id in free and not self.goes_on(run.id)]
+        return [run for run in self._unfinished_runs() if run.id in free and not self.files.goes_on(run.id)]
 
     def _unfinished_runs(self) -> list[RunRecord]:
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             left = select_runs().where(runs.c.status.in_(("running", "interrupted")))
             return run_records(connection.execute(left.order_by(runs.c.id)))
 
     def newest_transfer(self) -> RunRecord | None:
         """The newest run that is a transfer, if there is one."""
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             transfers = select_runs().where(runs.c.kind == "transfer")
             found = run_records(connection.execute(transfers.order_by(runs.c.id.desc()).limit(1)))
             return found[0] if found else None
@@ -220,7 +201,7 @@ class Registry(Entry):
         latest = (
             select(runs.c.seconds, runs.c.frames).where(*alike, *done).order_by(runs.c.id.desc()).limit(9)
         )
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             took = [seconds / frames for seconds, frames in connection.execute(latest)]
         return statistics.median(took) if took else None
 
@@ -266,13 +247,14 @@ class Registry(Entry):
         }
         _require(row, fields.POLICY | fields.FIGURES, "the policy")
         row |= {"program": program, "metadata": documents.to_json(row["metadata"], "metadata")}
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             owner = number_of(find_run(connection, run).id, "run")
-        digest = self._bring_object(checkpoint)
-        with self._transaction(self._writing) as connection:
-            self._keep_object(checkpoint)
-            number = self._insert(connection, "policy", row | {"run": owner, "checkpoint": digest})
-            self._publish(connection, f"policy-{number}")
+        with disk_faults(self.shown):
+            row |= {"run": owner, "checkpoint": objects.bring(self.folder / "objects", checkpoint)}
+        with self.index.writing() as connection:
+            objects.keep(self.folder / "objects", checkpoint)
+            number = enter(self.index.database, connection, "policy", row)
+            publish(self.folder, connection, f"policy-{number}")
             return find_policy(connection, number)
 
     def policy(self, name: str, method: str | None = None, *, clauses: bool = False) -> PolicyRecord:
@@ -284,7 +266,7 @@ class Registry(Entry):
         Raises:
             NotFoundError: If there is none; with the nearest name.
         """
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             number = number_of(name, "policy")
             if number is not None:
                 return find_policy(connection, number)
@@ -294,7 +276,7 @@ class Registry(Entry):
         """Seed -> id of the newest policy of a task that was learned with it, by one method."""
         c = policies.c
         newest = select(c.seed, func.max(c.id)).where(c.task == task, c.method == method).group_by(c.seed)
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             return {int(seed): f"policy-{number}" for seed, number in connection.execute(newest)}
 
     def policies(self) -> list[PolicyRecord]:
@@ -303,7 +285,7 @@ class Registry(Entry):
 
     def newest_policies(self, most: int | None = None) -> tuple[list[PolicyRecord], int]:
         """At most so many policies, newest first, and how many there are in all."""
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             newest_first = select(policies).order_by(policies.c.id.desc()).limit(most)
             return policy_records(connection.execute(newest_first)), count(connection, policies)
 
@@ -314,7 +296,7 @@ class Registry(Entry):
             tasks = tasks.where(policies.c.domain == domain)
         if method is not None:
             tasks = tasks.where(policies.c.method == method)
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             return [str(task) for task in connection.scalars(tasks)]
 
     def labels(self, which: Which) -> list[Label]:
@@ -334,11 +316,11 @@ class Registry(Entry):
             case "stopped":
                 own = ~c.sources.contains(ELSEWHERE)
                 rows = rows.where(c.status != "finished", c.method != "random", own)
-        with self._transaction(self._reading) as connection:
+        with self.index.reading() as connection:
             found = [
                 Label(f"{kind}-{number}", method, task) for number, method, task in connection.execute(rows)
             ]
-        return [label for label in found if which != "stopped" or not self.goes_on(label.id)]
+        return [label for label in found if which != "stopped" or not self.files.goes_on(label.id)]
 
     def read_checkpoint(self, policy: PolicyRecord) -> bytes:
         """The policy's safetensors bytes, verified.
@@ -346,8 +328,8 @@ class Registry(Entry):
         Raises:
             IntegrityError: If they are missing or aren't what was stored.
         """
-        with faults(self.shown):
-            hint = self.way_again(policy)
+        hint = self.way_again(policy)
+        with disk_faults(self.shown):
             return objects.read(self.folder / "objects", policy.checkpoint, policy.id, hint)
 
     def way_again(self, policy: PolicyRecord) -> str:
@@ -355,50 +337,6 @@ class Registry(Entry):
         own = policy.program is None and self.run(policy.run).kind == "train"
         by = f" --method {policy.method}" if own else ""
         return f"train it again: paddlectl train {policy.task}{by}"
-
-    @contextmanager
-    def alone(self) -> Iterator[frozenset[str]]:
-        """Nobody else writes meanwhile; gives the names of all files that rows need."""
-        with self._transaction(self._writing) as connection:
-            digests = connection.scalars(select(policies.c.checkpoint)).all()
-            numbers = [
-                (kind, n) for kind, t in layout.ROW_TABLES.items() for n in connection.scalars(select(t.c.id))
-            ]
-            rows = {f"{kind}-{number}" for kind, number in numbers}
-            needed = {f"{digest}.safetensors" for digest in digests} | rows | {f"{row}.json" for row in rows}
-            yield frozenset(needed)
-
-    @contextmanager
-    def mending(self) -> Iterator[Connection]:
-        """A transaction on the rows themselves, for `registry repair`."""
-        with self._transaction(self._writing) as connection:
-            yield connection
-
-    def count_from(self, connection: Connection, kind: str, number: int) -> None:
-        """Lets the ids of new runs or policies go on after that number."""
-        self._database.count_from(connection, kind, number)
-
-
-def database_of(location: str | Path) -> Database:
-    """The index that a location names.
-
-    Raises:
-        UsageError: If it names none.
-    """
-    text = str(location).removeprefix("sqlite:///")
-    if re.match(r"postgres(ql)?(\+psycopg)?://", text):
-        return PostgresDatabase("postgresql" + text[text.index("://") :])
-    if address := _ADDRESS.match(text):
-        raise UsageError(f"a registry can't be at a {address[1]} address", _PLACES)
-    if is_like_one(text):
-        raise UsageError("that is no place for a registry: it looks like an address", _PLACES)
-    if not text or "\0" in text:
-        raise UsageError("that is no place for a registry", "give a folder")
-    folder = Path(text)
-    taken = folder.is_symlink() or folder.exists()  # asked first: another process may make it meanwhile
-    if taken and not folder.is_dir():
-        raise UsageError(f"{shown(text)} is no folder", _PLACES)
-    return SqliteDatabase(folder)
 
 
 def _require(values: Mapping[str, Any], kinds: Mapping[str, Any], what: str) -> None:

@@ -57,12 +57,13 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
     Raises:
         IntegrityError: If a file of the run isn't what a run writes.
     """
-    mapping = registry.read_document(run.id, "mapping")
-    weights = registry.read_rows(run.id, "weights")
-    trace = registry.read_document(run.id, "trace") or {}
-    reuse = registry.read_rows(run.id, "reuse")
-    others = [name for name in registry.document_names(run.id) if name not in _OWN_TEXT]
-    told = {name: registry.read_document(run.id, name) for name in others}
+    files = registry.files
+    mapping = files.read_document(run.id, "mapping")
+    weights = files.read_rows(run.id, "weights")
+    trace = files.read_document(run.id, "trace") or {}
+    reuse = files.read_rows(run.id, "reuse")
+    others = [name for name in files.document_names(run.id) if name not in _OWN_TEXT]
+    told = {name: files.read_document(run.id, name) for name in others}
     _check(run.id, mapping, weights, trace)
     _check_reuse(run, reuse)
     for name, document in told.items():

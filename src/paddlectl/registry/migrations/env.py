@@ -1,4 +1,4 @@
-"""Run by alembic on the connection that `registry.database` opened, inside its transaction."""
+"""Run by alembic on the connection that `registry.index` opened, inside its transaction."""
 
 from alembic import context
 

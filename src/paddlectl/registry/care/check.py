@@ -15,10 +15,7 @@ from sqlalchemy import Connection, inspect, select
 
 from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError, PaddlectlError
 from paddlectl.logic.syntax import parse_program
-from paddlectl.registry import identity, layout, manifests
-from paddlectl.registry.database import Database, require_current, stamp
-from paddlectl.registry.faults import faults
-from paddlectl.registry.files import (
+from paddlectl.registry.care.files import (
     OBJECT,
     Rows,
     check_contents,
@@ -27,14 +24,18 @@ from paddlectl.registry.files import (
     other_file,
     other_files,
 )
-from paddlectl.registry.findings import Finding, Report, entries
-from paddlectl.registry.manifests import Manifest
+from paddlectl.registry.care.findings import Finding, Report, entries
+from paddlectl.registry.files import layout, manifests
+from paddlectl.registry.files.manifests import Manifest
+from paddlectl.registry.files.runfiles import goes_on
+from paddlectl.registry.index import identity
+from paddlectl.registry.index.database import Database, require_current, stamp
+from paddlectl.registry.index.faults import faults
+from paddlectl.registry.index.location import database_of
+from paddlectl.registry.index.queries import rows_of
 from paddlectl.registry.names import ELSEWHERE, is_id, number_of
-from paddlectl.registry.queries import rows_of
 from paddlectl.registry.records import RUN_STATES
-from paddlectl.registry.runfiles import goes_on
 from paddlectl.registry.schema import REVISIONS, metadata, policy_record, run_records, runs
-from paddlectl.registry.store import database_of
 
 Found = dict[str, list[Finding]]
 

@@ -11,7 +11,7 @@ from paddlectl.registry import schema
 
 WAIT = 60.0  # seconds for a lock
 CONNECTING = 10.0  # seconds until a server must have let one in
-MIGRATIONS = Path(__file__).parent / "migrations"
+MIGRATIONS = Path(__file__).parents[1] / "migrations"
 _STAMP = re.compile(r"[0-9A-Za-z_]{1,40}")
 
 

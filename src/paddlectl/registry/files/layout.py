@@ -1,19 +1,15 @@
-"""The folders of a registry, and the seals of what an older version left in them."""
+"""The folders of a registry, and who holds a run's."""
 
 import fcntl
 from pathlib import Path
 from typing import BinaryIO
 
-from sqlalchemy import Connection, select
-
 from paddlectl.errors import IntegrityError, RegistryBusyError
-from paddlectl.registry import manifests
-from paddlectl.registry.objects import object_path
-from paddlectl.registry.rights import make_folder, opened
-from paddlectl.registry.schema import policies, runs
+from paddlectl.registry.files import manifests
+from paddlectl.registry.files.objects import sync_folder
+from paddlectl.registry.files.rights import make_folder, opened
 
 FOLDERS = ("objects", "runs", manifests.FOLDER)
-ROW_TABLES = {"run": runs, "policy": policies}
 
 
 def make(folder: Path) -> None:
@@ -36,26 +32,21 @@ def refuse_orphans(folder: Path) -> None:
             )
 
 
-def seal_all(folder: Path, connection: Connection) -> None:
-    """Writes the manifest of every row, its files as they are now."""
-    for kind, table in ROW_TABLES.items():
-        for number in connection.scalars(select(table.c.id)).all():
-            manifests.write(folder, manifest_of(folder, connection, f"{kind}-{number}"))
+def make_run(folder: Path, run: str) -> Path:
+    """Makes the folder of a run that was just entered.
 
-
-def manifest_of(folder: Path, connection: Connection, name: str) -> manifests.Manifest:
-    """The manifest of a row with its files as they are now; those of a run that goes on aren't sealed."""
-    kind, _, number = name.partition("-")
-    table = ROW_TABLES[kind]
-    row = connection.execute(select(table).where(table.c.id == int(number))).one()
-    values = dict(zip(table.columns.keys(), row, strict=True))
-    if values.get("status") == "running":
-        return manifests.Manifest(name, values, None)
-    if kind == "run":
-        files = run_files(folder, name)
-    else:
-        files = [object_path(folder / "objects", str(values["checkpoint"]))]
-    return manifests.Manifest(name, values, manifests.sealed(folder, filter(Path.is_file, files)))
+    Raises:
+        IntegrityError: If there is one that isn't empty.
+    """
+    made = folder / "runs" / run
+    make_folder(made)
+    if any(made.iterdir()):
+        raise IntegrityError(
+            f"{made} is there, but registry.db doesn't know it: is that an older copy?",
+            "move that folder aside",
+        )
+    sync_folder(made.parent)
+    return made
 
 
 def run_files(folder: Path, run: str) -> list[Path]:

@@ -5,13 +5,16 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
+from sqlalchemy import Connection, select
+
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import checkpoints, layout, manifests
-from paddlectl.registry.check import check
-from paddlectl.registry.files import Rows
-from paddlectl.registry.findings import Report, entries, inside
-from paddlectl.registry.runfiles import kept_still
-from paddlectl.registry.store import Registry
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.files import Rows
+from paddlectl.registry.care.findings import Report, entries, inside
+from paddlectl.registry.files import checkpoints, layout, manifests
+from paddlectl.registry.files.runfiles import kept_still
+from paddlectl.registry.index.index import Index
+from paddlectl.registry.schema import ROW_TABLES, policies
 
 GRACE = 3600.0
 """Seconds for which a file without an owner may belong to a writer who isn't done yet."""
@@ -28,27 +31,36 @@ def collect(location: str | Path, *, grace: float = GRACE, dry: bool = False) ->
     Raises:
         IntegrityError: If the index is damaged: it couldn't be known what is needed.
     """
-    with Registry.open(location, create=False) as registry:
-        report = check(location)
-        if report.faults:
-            raise IntegrityError(
-                f"{registry.shown} has faults, so nothing was removed: {report.faults[0].what}",
-                "run: paddlectl registry check, then paddlectl registry repair",
-            )
-        unneeded = dict.fromkeys(_unneeded(report, registry.folder))
-        removed = []
-        with registry.alone() as needed:
-            for path in unneeded:
-                with (
-                    suppress(FileNotFoundError),
-                    _kept_free(registry.folder, report.rows, path, needed, dry) as free,
-                ):
-                    found = path.lstat()
-                    if free and time.time() - found.st_mtime >= grace:
-                        if not dry:
-                            path.rmdir() if path.is_dir() else path.unlink()
-                        removed.append((inside(registry.folder, path), found.st_size))
-        return removed
+    index = Index(location).open(create=False)
+    report, folder = check(location), index.folder
+    if report.faults:
+        raise IntegrityError(
+            f"{index.shown} has faults, so nothing was removed: {report.faults[0].what}",
+            "run: paddlectl registry check, then paddlectl registry repair",
+        )
+    unneeded = dict.fromkeys(_unneeded(report, folder))
+    removed = []
+    with index.writing() as connection:
+        needed = _needed(connection)
+        for path in unneeded:
+            with suppress(FileNotFoundError), _kept_free(folder, report.rows, path, needed, dry) as free:
+                found = path.lstat()
+                if free and time.time() - found.st_mtime >= grace:
+                    if not dry:
+                        path.rmdir() if path.is_dir() else path.unlink()
+                    removed.append((inside(folder, path), found.st_size))
+    return removed
+
+
+def _needed(connection: Connection) -> set[str]:
+    """The names of all files that rows need."""
+    digests = connection.scalars(select(policies.c.checkpoint)).all()
+    rows = {
+        f"{kind}-{number}"
+        for kind, table in ROW_TABLES.items()
+        for number in connection.scalars(select(table.c.id))
+    }
+    return {f"{digest}.safetensors" for digest in digests} | rows | {f"{row}.json" for row in rows}
 
 
 def _unneeded(report: Report, folder: Path) -> Iterator[Path]:

@@ -9,8 +9,11 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from paddlectl.errors import UsageError
-from paddlectl.registry import database, identity, layout, schema
-from paddlectl.registry.addresses import is_clear, secrets_of
+from paddlectl.registry import schema
+from paddlectl.registry.files import layout
+from paddlectl.registry.index import database, identity
+from paddlectl.registry.index.addresses import is_clear, secrets_of
+from paddlectl.registry.index.entry import publish_all
 
 _LOCK = 7_052_391_164  # any number; names the advisory lock of registries
 _TABLES = ("runs", "policies", "identity", "alembic_version")
@@ -66,7 +69,7 @@ class PostgresDatabase:
                 database.migrate(connection)
                 layout.make(self.folder)
                 identity.give(self, connection)
-                layout.seal_all(self.folder, connection)
+                publish_all(self.folder, connection)
 
     def copy(self, label: str) -> str:
         with self.writing().begin() as connection:
@@ -86,7 +89,7 @@ class PostgresDatabase:
             return name
 
     def count_from(self, connection: Connection, kind: str, number: int) -> None:
-        table = layout.ROW_TABLES[kind].name
+        table = schema.ROW_TABLES[kind].name
         sequence = f"pg_get_serial_sequence('{table}', 'id')"
         connection.exec_driver_sql(
             f"SELECT setval({sequence}, greatest({int(number)}, nextval({sequence}) - 1))"
@@ -108,7 +111,7 @@ class PostgresDatabase:
 
         @event.listens_for(engine, "do_connect")
         def _connect(_: Any, __: Any, ___: Any, named: dict[str, Any]) -> Any:
-            from paddlectl.registry.connecting import connected  # psycopg, which few registries need
+            from paddlectl.registry.index.connecting import connected  # psycopg, which few registries need
 
             return connected(self.shown, self._secrets, named)
 

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import safetensors
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import checkpoints, documents, layout, manifests
-from paddlectl.registry.findings import Finding, Report, entries, inside
-from paddlectl.registry.manifests import Manifest, Seal
+from paddlectl.registry.care.findings import Finding, Report, entries, inside
+from paddlectl.registry.files import checkpoints, documents, layout, manifests
+from paddlectl.registry.files.manifests import Manifest, Seal
+from paddlectl.registry.files.runfiles import bytes_of, while_it_stays
 from paddlectl.registry.names import number_of
-from paddlectl.registry.runfiles import bytes_of, while_it_stays
 
 OBJECT = re.compile(r"[0-9a-f]{64}\.safetensors")
 

@@ -4,10 +4,11 @@ import hashlib
 import os
 import re
 import uuid
+from contextlib import suppress
 from pathlib import Path
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry.rights import share
+from paddlectl.registry.files.rights import share
 
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 
@@ -25,6 +26,22 @@ def publish(folder: Path, data: bytes) -> str:
     digest = hashlib.sha256(data).hexdigest()
     write_atomically(object_path(folder, digest), data)
     return digest
+
+
+def bring(folder: Path, data: bytes) -> str:
+    """Publishes an object before the transaction of its row, so that none waits for it, and gives its name.
+
+    `gc` may come first and take it away again, even half-written.
+    """
+    with suppress(FileNotFoundError):
+        publish(folder, data)
+    return hashlib.sha256(data).hexdigest()
+
+
+def keep(folder: Path, data: bytes) -> None:
+    """Makes sure in the transaction of its row that the object is there, from now on for good."""
+    if not object_path(folder, hashlib.sha256(data).hexdigest()).exists():
+        publish(folder, data)
 
 
 def read(folder: Path, digest: str, owner: str, hint: str = "") -> bytes:

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry.documents import checked, with_hash
+from paddlectl.registry.files.documents import checked, with_hash
+from paddlectl.registry.files.objects import write_atomically
 from paddlectl.registry.names import is_id
-from paddlectl.registry.objects import write_atomically
 
 FOLDER = "manifests"
 _BLOCK = 1 << 20

@@ -7,10 +7,9 @@ from typing import Any
 from sqlalchemy import Connection, Table, func, or_, select
 
 from paddlectl.errors import NotFoundError
-from paddlectl.registry.layout import ROW_TABLES
 from paddlectl.registry.names import is_id, nearest, number_of, shown
 from paddlectl.registry.records import PolicyRecord, RunRecord
-from paddlectl.registry.schema import policies, policy_record, run_records, runs, select_runs
+from paddlectl.registry.schema import ROW_TABLES, policies, policy_record, run_records, runs, select_runs
 
 _LISTED = 200
 """Newest ids among which that is looked for which may have been meant."""

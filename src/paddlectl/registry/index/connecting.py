@@ -11,8 +11,8 @@ from typing import Any
 import psycopg
 
 from paddlectl.errors import RegistryBusyError
-from paddlectl.registry import database
-from paddlectl.registry.addresses import without
+from paddlectl.registry.index import database
+from paddlectl.registry.index.addresses import without
 
 
 class _Connection(psycopg.Connection[Any]):

@@ -13,12 +13,15 @@ import safetensors
 from paddlectl.errors import IntegrityError, InvalidFileError, PaddlectlError, UsageError
 from paddlectl.logic.prolog import format_prolog
 from paddlectl.logic.syntax import parse_program
-from paddlectl.registry import archive, documents, fields, layout, manifests
-from paddlectl.registry.card import card
+from paddlectl.registry import fields
+from paddlectl.registry.bundles import archive
+from paddlectl.registry.bundles.adoption import adopt
+from paddlectl.registry.bundles.card import card
+from paddlectl.registry.files import documents, layout, manifests
+from paddlectl.registry.files.objects import write_atomically
+from paddlectl.registry.files.runfiles import bytes_of, while_it_stays
 from paddlectl.registry.names import ELSEWHERE, is_id
-from paddlectl.registry.objects import write_atomically
 from paddlectl.registry.records import PolicyRecord, RunRecord
-from paddlectl.registry.runfiles import bytes_of, while_it_stays
 from paddlectl.registry.store import Registry
 
 FORMAT = "paddlectl bundle 1"
@@ -150,7 +153,7 @@ def import_(opened: Callable[[], Registry], path: Path) -> dict[str, Any]:
         program = members["program.txt"].decode() if "program.txt" in members else None
         policy |= results["policy"] | {"program": program}
     with opened() as registry:
-        return registry.adopt(run, tables, policy, members.get("model.safetensors", b""))
+        return adopt(registry.index, run, tables, policy, members.get("model.safetensors", b""))
 
 
 def _sound(members: dict[str, bytes], otherwise: str, hint: str) -> tuple[Any, Any, dict[str, bytes]]:

@@ -11,10 +11,13 @@ from pathlib import Path
 from sqlalchemy import Connection, Engine, NullPool, create_engine, event
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import database, identity, layout, schema
-from paddlectl.registry.faults import busy
-from paddlectl.registry.objects import sync_folder
-from paddlectl.registry.rights import make_file, opened
+from paddlectl.registry import schema
+from paddlectl.registry.files import layout
+from paddlectl.registry.files.objects import sync_folder
+from paddlectl.registry.files.rights import make_file, opened
+from paddlectl.registry.index import database, identity
+from paddlectl.registry.index.entry import publish_all
+from paddlectl.registry.index.faults import busy
 
 
 class SqliteDatabase:
@@ -66,7 +69,7 @@ class SqliteDatabase:
                 _migrate(connection)
                 layout.make(self.folder)
                 identity.give(self, connection)
-                layout.seal_all(self.folder, connection)
+                publish_all(self.folder, connection)
 
     def copy(self, label: str) -> str:
         copy = self._aside(label)

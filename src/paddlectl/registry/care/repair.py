@@ -9,17 +9,19 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, delete, insert, select, update
+from sqlalchemy import Connection, delete, insert, update
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import layout, manifests
-from paddlectl.registry.check import check
-from paddlectl.registry.faults import faults
-from paddlectl.registry.findings import Finding, Report
+from paddlectl.registry.care.check import check
+from paddlectl.registry.care.findings import Finding, Report
+from paddlectl.registry.files import layout, manifests
+from paddlectl.registry.files.rights import make_folder
+from paddlectl.registry.index.entry import manifest_of, publish
+from paddlectl.registry.index.faults import faults
+from paddlectl.registry.index.index import Index
+from paddlectl.registry.index.queries import rows_of
 from paddlectl.registry.names import is_id, number_of
-from paddlectl.registry.rights import make_folder
-from paddlectl.registry.schema import policy_record, run_records, runs
-from paddlectl.registry.store import Registry, database_of
+from paddlectl.registry.schema import ROW_TABLES, policy_record, run_records, runs
 
 Rows = dict[str, dict[str, Any]]
 _MOVED = {"stray file", "strange file", "unsealed file", "damaged manifest", "lost run"}
@@ -54,14 +56,14 @@ def repair(location: str | Path, *, drop_lost: bool = False) -> Repaired:
         SchemaVersionError: If a newer paddlectl wrote it.
         IntegrityError: If there is nothing to mend it from, or its folder isn't its own.
     """
-    index = database_of(location)
+    index = Index(location)
     told = Repaired()
     report = check(location, read_data=True)
     kinds = {finding.kind for finding in report.findings}
     if not report.readable and not report.manifests and not report.older:
         raise IntegrityError(
             f"{index.shown}: its index is damaged, and there are no manifests to make it from",
-            f"restore {index.file} from a copy",
+            f"restore {index.database.file} from a copy",
         )
     if not report.faults and "stopped run" not in kinds:
         return told
@@ -73,14 +75,14 @@ def repair(location: str | Path, *, drop_lost: bool = False) -> Repaired:
     with faults(index.shown):
         layout.make(index.folder)
         if kinds & _REBUILT:
-            old, before = index.renew("damaged"), {}
+            old, before = index.database.renew("damaged"), {}
             told.done.append(f"a new index was made; the old one is {old}" if old else "a new index was made")
         elif rows != before:
-            told.done.append(f"the index as it was is {index.copy('repaired')}")
-        with Registry(location) as registry, registry.mending() as connection:
+            told.done.append(f"the index as it was is {index.database.copy('repaired')}")
+        with index.writing() as connection:
             _move_aside(report, rows, index.folder, told)
-            changed = _enter(registry, connection, before, rows)
-            _seal(registry, connection, rows, changed, report, told)
+            changed = _enter(index, connection, before, rows)
+            _seal(index.folder, connection, rows, changed, report, told)
     told.left = check(location, read_data=True).faults
     return told
 
@@ -130,13 +132,13 @@ def _better(
         usable.reverse()
     if not usable:
         return None
-    table = layout.ROW_TABLES[name.partition("-")[0]]
+    table = ROW_TABLES[name.partition("-")[0]]
     return {column: usable[0][column] for column in table.columns.keys()}  # noqa: SIM118 - not a dict
 
 
 def _is_row(name: str, row: dict[str, Any]) -> bool:
     kind, _, number = name.partition("-")
-    columns = layout.ROW_TABLES[kind].columns.keys()
+    columns = ROW_TABLES[kind].columns.keys()
     if row.keys() != set(columns) or row["id"] != int(number):
         return False
     values = [row[column] for column in columns]
@@ -196,48 +198,44 @@ def _of_checkpoint(folder: Path, where: str) -> Path:
     return folder / "runs" / run / "checkpoints" / f"{number}.json"
 
 
-def _enter(registry: Registry, connection: Connection, before: Rows, rows: Rows) -> list[str]:
+def _enter(index: Index, connection: Connection, before: Rows, rows: Rows) -> list[str]:
     """Brings the index from the rows that were looked at to those that it shall have; gives what changed.
 
     A row that another process has changed meanwhile stays as it is.
     """
-    now: Rows = {}
-    for kind, table in layout.ROW_TABLES.items():
-        for row in connection.execute(select(table)):
-            values = dict(zip(table.columns.keys(), row, strict=True))
-            now[f"{kind}-{values['id']}"] = values
+    now = rows_of(connection)
     changed = [name for name in {**before, **rows} if rows.get(name) != before.get(name)]
     changed = [name for name in changed if now.get(name) == before.get(name)]
     for name in changed:
-        table = layout.ROW_TABLES[name.partition("-")[0]]
+        table = ROW_TABLES[name.partition("-")[0]]
         if name not in rows:
             connection.execute(delete(table).where(table.c.id == _number(name)))
     for name in sorted(set(changed) & set(rows), key=lambda name: name[0] != "r"):  # runs first
-        kind, table = name.partition("-")[0], layout.ROW_TABLES[name.partition("-")[0]]
+        kind, table = name.partition("-")[0], ROW_TABLES[name.partition("-")[0]]
         if name in now:
             connection.execute(update(table).where(table.c.id == _number(name)).values(rows[name]))
         else:
             connection.execute(insert(table).values(rows[name]))
-            registry.count_from(connection, kind, _number(name))
+            index.database.count_from(connection, kind, _number(name))
     return changed
 
 
 def _seal(
-    registry: Registry, connection: Connection, rows: Rows, changed: list[str], report: Report, told: Repaired
+    folder: Path, connection: Connection, rows: Rows, changed: list[str], report: Report, told: Repaired
 ) -> None:
     """Writes the manifests that are missing, or say otherwise than their rows."""
     for name in rows:
         if name.startswith("run-"):
-            make_folder(registry.folder / "runs" / name)
+            make_folder(folder / "runs" / name)
         manifest = report.manifests.get(name)
-        if manifest is None and not manifests.path_of(registry.folder, name).exists():
-            manifests.write(registry.folder, layout.manifest_of(registry.folder, connection, name))
+        if manifest is None and not manifests.path_of(folder, name).exists():
+            publish(folder, connection, name)
             told.done.append(f"{name}: a new manifest, of its files as they are")
         elif manifest is not None and manifest.row != rows[name] and name in changed:
             files = manifest.files
             if files is None and rows[name].get("status") != "running":
-                files = layout.manifest_of(registry.folder, connection, name).files
-            manifests.write(registry.folder, manifests.Manifest(name, rows[name], files))
+                files = manifest_of(folder, connection, name).files
+            manifests.write(folder, manifests.Manifest(name, rows[name], files))
 
 
 def _number(name: str) -> int:

@@ -11,9 +11,9 @@ from pathlib import Path
 from sqlalchemy import Connection, delete, insert, inspect, select
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import manifests
-from paddlectl.registry.database import Database
-from paddlectl.registry.objects import object_path, write_atomically
+from paddlectl.registry.files import manifests
+from paddlectl.registry.files.objects import object_path, write_atomically
+from paddlectl.registry.index.database import Database
 from paddlectl.registry.schema import identity
 
 FILE = "identity"

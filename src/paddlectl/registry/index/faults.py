@@ -1,7 +1,5 @@
 """Faults of the database and the disk, told as what they mean for the user."""
 
-import errno
-import os
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,10 +8,9 @@ from pathlib import Path
 from sqlalchemy.exc import DBAPIError
 
 from paddlectl.errors import IntegrityError, PaddlectlError, RegistryBusyError
-from paddlectl.registry.rights import refused
+from paddlectl.registry.files.faults import disk_faults, full
+from paddlectl.registry.files.rights import refused
 
-_NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-_NOT_ALLOWED = {errno.EACCES, errno.EPERM}
 _BUSY = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
 _CLOSED = {sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_AUTH}
 
@@ -34,13 +31,12 @@ def faults(place: str) -> Iterator[None]:
         PaddlectlError: If the disk is full, or the registry can't be written or opened.
     """
     try:
-        yield
+        with disk_faults(place):
+            yield
     except DBAPIError as error:
         raise _database_fault(place, error.orig) from error
     except (sqlite3.Error, UnicodeDecodeError) as error:  # the latter where SQLite's message quotes damage
         raise _database_fault(place, error) from error
-    except OSError as error:
-        raise _system_fault(place, error) from error
 
 
 def _database_fault(place: str, error: BaseException | None) -> PaddlectlError:
@@ -52,7 +48,7 @@ def _database_fault(place: str, error: BaseException | None) -> PaddlectlError:
     if code in _BUSY:
         return busy(place)
     if code == sqlite3.SQLITE_FULL:
-        return _full(place)
+        return full(place)
     if code in _CLOSED:
         for name in ("registry.db", "registry.db-journal"):  # the latter is made for every write
             if refusal := refused(Path(place) / name):
@@ -75,7 +71,7 @@ def _server_fault(place: str, state: str | None, error: BaseException | None) ->
     if state in _WAITED:
         return busy(place)
     if state == "53100":
-        return _full(place)
+        return full(place)
     what = _printable(error)
     if state is None or state[:2] in _NOT_THERE:
         return PaddlectlError(
@@ -88,24 +84,8 @@ def _printable(error: BaseException | None) -> str:
     return "".join(c if c.isprintable() else " " for c in str(error).strip()[:200])
 
 
-def _system_fault(place: str, error: OSError) -> PaddlectlError:
-    if error.errno in _NO_SPACE:
-        return _full(place)
-    path = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else ""
-    if error.errno in _NOT_ALLOWED and path and (refusal := refused(Path(path))):
-        return PaddlectlError(refusal.what, refusal.hint)
-    return PaddlectlError(f"the registry {place} can't be used ({error.strerror or error}: {path or place})")
-
-
 def busy(place: str) -> RegistryBusyError:
     """The error for a registry that another process holds."""
     return RegistryBusyError(
         f"the registry {place} was held by another process for too long", "try again when that one is done"
-    )
-
-
-def _full(place: str) -> PaddlectlError:
-    return PaddlectlError(
-        f"the disk is full: nothing more fits into the registry {place}",
-        "free some space and run it again; what was stored before is whole",
     )

@@ -10,8 +10,8 @@ from typing import Any, BinaryIO, NoReturn
 
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.registry.fields import TABLE
-from paddlectl.registry.objects import write_atomically
-from paddlectl.registry.rights import opened
+from paddlectl.registry.files.objects import write_atomically
+from paddlectl.registry.files.rights import opened
 
 _NAME = re.compile(TABLE)
 _BLOCK = 65536

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from paddlectl.registry.manifests import Manifest
+from paddlectl.registry.files.manifests import Manifest
 
 
 class Finding(NamedTuple):

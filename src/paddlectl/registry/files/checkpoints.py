@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from paddlectl.errors import IntegrityError
-from paddlectl.registry import documents, manifests
-from paddlectl.registry.objects import sync_folder, write_atomically
-from paddlectl.registry.rights import make_folder
+from paddlectl.registry.files import documents, manifests
+from paddlectl.registry.files.objects import sync_folder, write_atomically
+from paddlectl.registry.files.rights import make_folder
 
 KEPT = 2
 _HINT = "run: paddlectl registry check"

@@ -4,14 +4,13 @@ import fcntl
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 from paddlectl.errors import IntegrityError, NotFoundError, RegistryBusyError
-from paddlectl.registry import checkpoints, documents, layout, manifests
-from paddlectl.registry.faults import faults
-from paddlectl.registry.manifests import Seal
+from paddlectl.registry.files import checkpoints, documents, layout, manifests
+from paddlectl.registry.files.faults import disk_faults
+from paddlectl.registry.files.manifests import Seal
 from paddlectl.registry.names import number_of, shown
 
 T = TypeVar("T")
@@ -24,13 +23,14 @@ _READINGS = 20
 class RunFiles:
     """The files of the runs in a registry's folder.
 
-    Attributes:
+    Args:
         folder: Where all files are.
         shown: The registry's place for messages.
     """
 
-    folder: Path
-    shown: str
+    def __init__(self, folder: Path, shown: str) -> None:
+        self._folder, self._shown = folder, shown
+        self._tables = checkpoints.Tables()
 
     @contextmanager
     def hold(self, run: str) -> Iterator[None]:
@@ -39,19 +39,24 @@ class RunFiles:
         Raises:
             RegistryBusyError: If it goes on in another process.
         """
-        with faults(self.shown):
+        with disk_faults(self._shown):
             file = _take(self._run_folder(run))
         with file:
             yield
 
     def goes_on(self, run: str) -> bool:
         """Whether a process holds the run, or is about to."""
-        with faults(self.shown):
-            return goes_on(self.folder, run)
+        with disk_faults(self._shown):
+            return goes_on(self._folder, run)
+
+    def sync(self, run: str) -> None:
+        """Forces the run's tables and documents to the disk."""
+        with disk_faults(self._shown):
+            documents.sync_files(self._run_folder(run))
 
     def append_rows(self, run: str, name: str, rows: Iterable[Mapping[str, Any]]) -> None:
         """Adds rows to the run's `<name>.jsonl`."""
-        with faults(self.shown):
+        with disk_faults(self._shown):
             documents.append_rows(self._run_folder(run), name, rows)
 
     def read_rows(self, run: str, name: str) -> list[dict[str, Any]]:
@@ -64,14 +69,14 @@ class RunFiles:
 
     def each_row(self, run: str, name: str) -> Iterator[dict[str, Any]]:
         """The rows of the `<name>.jsonl` of a run that goes on, one at a time; nothing if there is none."""
-        with faults(self.shown), suppress(FileNotFoundError):
+        with disk_faults(self._shown), suppress(FileNotFoundError):
             path = documents.file_of(self._run_folder(run), name, "jsonl")
             with path.open("rb") as file:
                 yield from documents.each_row(file, path)
 
     def write_document(self, run: str, name: str, document: Any) -> None:
         """Writes or replaces the run's `<name>.json` whole."""
-        with faults(self.shown):
+        with disk_faults(self._shown):
             documents.write_document(self._run_folder(run), name, document)
 
     def read_document(self, run: str, name: str) -> Any | None:
@@ -84,9 +89,9 @@ class RunFiles:
 
     def document_names(self, run: str) -> list[str]:
         """The run's documents, also such as are missing though they were sealed, by name."""
-        with faults(self.shown):
-            sealed = manifests.read(self.folder, run).files or {}
-            found = [*layout.run_files(self.folder, run), *map(Path, sealed)]
+        with disk_faults(self._shown):
+            sealed = manifests.read(self._folder, run).files or {}
+            found = [*layout.run_files(self._folder, run), *map(Path, sealed)]
         names = {path.stem for path in found if path.suffix == ".json"}
         return sorted(filter(documents.is_name, names))
 
@@ -94,7 +99,7 @@ class RunFiles:
 
     def save_checkpoint(self, run: str, document: Any, arrays: bytes) -> None:
         """Keeps all that a run needs to go on, beside its tables as they are now; the last two are kept."""
-        with faults(self.shown):
+        with disk_faults(self._shown):
             folder = self._run_folder(run)
             checkpoints.save(folder, document, arrays, self._tables.seals(folder))
 
@@ -104,38 +109,34 @@ class RunFiles:
         Raises:
             IntegrityError: If it has checkpoints, but none of them is whole.
         """
-        with faults(self.shown):
+        with disk_faults(self._shown):
             folder = self._run_folder(run)
             self._tables.forget(folder)
             return checkpoints.rewind(folder)
 
     def drop_checkpoints(self, run: str) -> None:
         """Frees their space once the run is finished."""
-        with faults(self.shown):
+        with disk_faults(self._shown):
             folder = self._run_folder(run)
             self._tables.forget(folder)
             checkpoints.drop(folder)
 
-    @cached_property
-    def _tables(self) -> checkpoints.Tables:
-        return checkpoints.Tables()
-
     def _read(self, run: str, name: str, suffix: str, value_of: Callable[[bytes, Path], Any]) -> Any | None:
-        with faults(self.shown):
+        with disk_faults(self._shown):
             path = documents.file_of(self._run_folder(run), name, suffix)
 
             def value(files: Mapping[str, Seal] | None) -> Any | None:
                 data = bytes_of(path)
-                if files is not None and (data is not None or manifests.key(self.folder, path) in files):
-                    manifests.verify(self.folder, path, data, files)
+                if files is not None and (data is not None or manifests.key(self._folder, path) in files):
+                    manifests.verify(self._folder, path, data, files)
                 return None if data is None else value_of(data, path)
 
-            return while_it_stays(self.folder, run, value)
+            return while_it_stays(self._folder, run, value)
 
     def _run_folder(self, run: str) -> Path:
-        if number_of(run, "run") is None or not (self.folder / "runs" / run).is_dir():
+        if number_of(run, "run") is None or not (self._folder / "runs" / run).is_dir():
             raise NotFoundError(f"no folder of a run {shown(run)}", "run: paddlectl runs")
-        return self.folder / "runs" / run
+        return self._folder / "runs" / run
 
 
 def goes_on(folder: Path, run: str) -> bool:
