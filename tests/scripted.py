@@ -136,7 +136,7 @@ class Teller:
         self.levels: list[list[int]] = []
         self.told: list = []
 
-    def choose(self, lanes, situations):
+    def select(self, lanes, situations):
         scenes, levels = divmod(situations, LEVELS)
         self.asked.append(list(zip(lanes.tolist(), scenes.tolist(), strict=True)))
         self.levels.append(levels.tolist())

@@ -25,7 +25,7 @@ from paddlectl.experiments.resuming import job_of
 from paddlectl.experiments.runner import train_source
 from paddlectl.hybrid.agent import HybridAgent
 from paddlectl.hybrid.credit import CreditSettings
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, OwnProgram, settings_for
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, ProgramSelector, settings_for
 from paddlectl.hybrid.rollout import DecisionSettings, Rollout
 from paddlectl.learners.ppo import PPOSettings
 from paddlectl.logic.syntax import format_program
@@ -91,7 +91,7 @@ def learn(
 def go_on(policy: HybridPolicy) -> None:
     """Acts for a block, and doesn't learn."""
     settings, rng = policy.settings, np.random.default_rng(1)
-    agent = HybridAgent(policy, OwnProgram(policy, rng), [policy.low_level], rng)
+    agent = HybridAgent(policy, ProgramSelector(policy, rng), [policy.low_level], rng)
     Interaction(policy.task.make(settings.lanes, 1, settings.repeat), agent).run(agent.rollout_steps)
 
 

@@ -35,11 +35,11 @@ SETTINGS = DecisionSettings(max_steps=5, reached_reward=1.0, delay_cost=0.5, fai
 class Run:
     """A rollout at work in corridors, a block at a time."""
 
-    def __init__(self, lanes, chooser, *actors, settings=SETTINGS):
+    def __init__(self, lanes, selector, *actors, settings=SETTINGS):
         reader = ClauseLearner((FAR,), scenes((FAR,)), TASK.heads, 0)
         rng = np.random.default_rng(0)
         self.environment = Corridor(lanes, 0)
-        self._rollout = Rollout(lanes, reader, chooser, actors, settings, block(1, lanes), rng, [chooser])
+        self._rollout = Rollout(lanes, reader, selector, actors, settings, block(1, lanes), rng, [selector])
         self._interaction = Interaction(self.environment, self._rollout)
 
     @property
@@ -129,7 +129,7 @@ def test_the_episode_and_its_decisions(played):
     assert episode.scenes == (NEAR_SCENE, FAR_SCENE), "each once, however many decisions were taken there"
 
 
-def test_the_chooser_is_asked_when_a_decision_has_ended_and_told_what_came_of_it(played):
+def test_the_selector_is_asked_when_a_decision_has_ended_and_told_what_came_of_it(played):
     _, teller, _, _ = played
     scenes_asked = [NEAR_SCENE] * 3 + [FAR_SCENE] * 2 + [NEAR_SCENE]
     assert teller.asked == [[(0, scene)] for scene in scenes_asked]

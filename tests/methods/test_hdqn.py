@@ -30,7 +30,7 @@ def test_a_batch_of_three_lanes_of_four(monkeypatch):
     meta = MetaController(made, 4, np.random.default_rng(0))
     began = np.arange(16, dtype=np.float32).reshape(4, 4)
     meta.state = began
-    meta.choose(np.arange(4), np.zeros(4, np.intp))
+    meta.select(np.arange(4), np.zeros(4, np.intp))
     meta.state = 100 + began
     # going on after one step, solved after two, cut off by the horizon after one; lane 1 hasn't ended
     meta.decided(
@@ -94,7 +94,7 @@ def test_a_player_picks_the_best_and_learns_nothing(monkeypatch):
     monkeypatch.setattr(made.meta, "values", lambda states: values[states[:, 0].astype(int)])
     meta = MetaController(made, 2, np.random.default_rng(0), learns=False)
     meta.state = np.float32([[1], [0]])
-    assert meta.choose(np.array([0, 1]), np.zeros(2, np.intp))[1].tolist() == [END, TWO]
+    assert meta.select(np.array([0, 1]), np.zeros(2, np.intp))[1].tolist() == [END, TWO]
     made.low_level = ByScript(RIGHT)
     player = made.player(TASK, 1, np.random.SeedSequence(0))
     environment = Corridor(1, 0)

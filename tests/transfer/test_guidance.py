@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from paddlectl.transfer.guidance import choose_guide, faded_weight, guidance_weight
+from paddlectl.transfer.guidance import faded_weight, guidance_weight, select_guide
 
 NEVER = -np.inf
 
@@ -34,7 +34,7 @@ def test_faded_weight_as_worked_by_hand(similarity, phi, count, fading, weight):
 def choose(weights, times=400):
     """Which candidates lead, over many draws of one row."""
     rows = np.repeat(np.array([weights], float), times, axis=0)
-    return np.bincount(choose_guide(rows, np.random.default_rng(0)), minlength=len(weights)) / times
+    return np.bincount(select_guide(rows, np.random.default_rng(0)), minlength=len(weights)) / times
 
 
 def test_the_largest_weight_leads():
@@ -68,4 +68,4 @@ def test_without_sources_the_target_leads():
 
 def test_rows_choose_for_themselves():
     weights = np.array([[0.1, 0.2, 0.0], [0.3, 0.2, 0.0], [0.1, 0.2, 0.3]])
-    assert choose_guide(weights, np.random.default_rng(0)).tolist() == [1, 0, 2]
+    assert select_guide(weights, np.random.default_rng(0)).tolist() == [1, 0, 2]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from paddlectl.agents.base import Episode, ReuseRow, Tables
 from paddlectl.hybrid.policy import HybridPolicy
-from paddlectl.hybrid.rollout import Chooser, Rollout, Witness
+from paddlectl.hybrid.rollout import Rollout, SubgoalSelector, Witness
 from paddlectl.learners.base import Actor
 from paddlectl.tasks.base import Environment, Floats, Step
 
@@ -21,8 +21,8 @@ class HybridAgent:
 
     Args:
         learner: Who learns.
-        chooser: Who decides.
-        actors: The low level of each guide that the chooser may name; the learner's own first.
+        selector: Who decides.
+        actors: The low level of each guide that the selector may name; the learner's own first.
         rng: Of what the actors leave to chance.
         witnesses: Told of the decisions, besides the learner's own credit.
     """
@@ -30,20 +30,20 @@ class HybridAgent:
     def __init__(
         self,
         learner: HybridPolicy,
-        chooser: Chooser,
+        selector: SubgoalSelector,
         actors: Sequence[Actor],
         rng: np.random.Generator,
         witnesses: Sequence[Witness] = (),
     ) -> None:
         settings = learner.settings
         self.learner = learner
-        self.chooser = chooser
+        self.selector = selector
         self.rollout_steps = settings.block
         self.credit = learner.credit()
         self.rollout = Rollout(
             settings.lanes,
             learner.clauses,
-            chooser,
+            selector,
             actors,
             settings.decisions,
             learner.buffer(settings.block, settings.lanes),
@@ -54,9 +54,9 @@ class HybridAgent:
         self._recent = _Recent(len(learner.clauses.bodies))
 
     def act(self, environment: Environment) -> NDArray[Any]:
-        """As the rollout does; before a block the chooser reads the clause weights anew. [B, ...]"""
+        """As the rollout does; before a block the selector reads the clause weights anew. [B, ...]"""
         if self._fresh:
-            self.chooser.refresh()
+            self.selector.refresh()
         self._fresh = False
         return self.rollout.act(environment)
 

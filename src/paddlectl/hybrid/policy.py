@@ -137,7 +137,7 @@ class HybridPolicy:
         return Rollout(
             environments,
             _Reading(self.clauses, task),
-            OwnProgram(self, choices, self.settings.sharpness),
+            ProgramSelector(self, choices, self.settings.sharpness),
             [self.low_level.frozen()],
             self.settings.decisions,
             self.buffer(1, environments),
@@ -182,8 +182,8 @@ class _Reading:
         return self._clauses.scenes(padded[:, self._columns])
 
 
-class OwnProgram:
-    """The chooser of a policy that acts alone: samples heads from its clause weights."""
+class ProgramSelector:
+    """The selector of a policy that acts alone: samples heads from its clause weights."""
 
     def __init__(self, policy: HybridPolicy, rng: np.random.Generator, sharpness: float = 1.0) -> None:
         self._policy = policy
@@ -196,7 +196,7 @@ class OwnProgram:
         """Reads the clause weights anew, after an update."""
         self._probabilities = sharpened(self._policy.clauses.probabilities(), self._sharpness)
 
-    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
         """Its own guide, and a head sampled in each scene. [n], [n]"""
         heads = sample_rows(self._probabilities[situations // LEVELS], self._rng)
         return np.full(len(lanes), TARGET), self._domain_head[heads]

@@ -1,4 +1,4 @@
-"""Hybrid decisions in B environments: a chooser picks subgoals, actors reach them.
+"""Hybrid decisions in B environments: a selector picks subgoals, actors reach them.
 
 A decision picks a head for the present scene. It ends when the subgoal is reached, when the scene
 changes in any other way, after `max_steps` steps, or with the episode (method, section 4). A
@@ -77,13 +77,13 @@ class Outcome(NamedTuple):
         return self.terminated | self.truncated
 
 
-class Chooser(Protocol):
+class SubgoalSelector(Protocol):
     """Who decides: a program, or the guidance over several."""
 
     def refresh(self) -> None:
         """Reads the learning policy's clause weights anew; called before each block."""
 
-    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
         """The guide and the head, as an index into the domain's heads, for each lane. [n], [n]"""
 
 
@@ -106,7 +106,7 @@ class Rollout:
     Args:
         lanes: B.
         reader: Names the scenes.
-        chooser: Picks guide and head.
+        selector: Picks guide and head.
         actors: The low level of each guide; the learning policy's first.
         settings: When a decision ends.
         buffer: Where the low level's samples go, step after step; then from the start again.
@@ -118,7 +118,7 @@ class Rollout:
         self,
         lanes: int,
         reader: SceneReader,
-        chooser: Chooser,
+        selector: SubgoalSelector,
         actors: Sequence[Actor],
         settings: DecisionSettings,
         buffer: RolloutBuffer,
@@ -127,7 +127,7 @@ class Rollout:
     ) -> None:
         self.buffer = buffer
         self._reader = reader
-        self._chooser = chooser
+        self._selector = selector
         self._actors = actors
         self._settings = settings
         self._rng = rng
@@ -196,7 +196,7 @@ class Rollout:
         lanes = np.flatnonzero(self._pending)
         if not len(lanes):
             return
-        self._guide[lanes], self._head[lanes] = self._chooser.choose(
+        self._guide[lanes], self._head[lanes] = self._selector.select(
             lanes, self._scene[lanes] * LEVELS + self._level[lanes]
         )
         most = self._settings.max_steps

@@ -82,15 +82,15 @@ class HDQNPolicy:
     def player(self, task: Task, environments: int, seed: np.random.SeedSequence) -> "HDQNPlayer":
         """Plays its best subgoals by the frozen controller; all chance is `seed`'s."""
         choices, actions = map(np.random.default_rng, seed.spawn(2))
-        chooser = MetaController(self, environments, choices, learns=False)
-        rollout = self.rollout(task, environments, chooser, self.low_level.frozen(), 1, actions)
-        return HDQNPlayer(rollout, chooser)
+        selector = MetaController(self, environments, choices, learns=False)
+        rollout = self.rollout(task, environments, selector, self.low_level.frozen(), 1, actions)
+        return HDQNPlayer(rollout, selector)
 
     def rollout(
         self,
         task: Task,
         environments: int,
-        chooser: "MetaController",
+        selector: "MetaController",
         actor: Any,
         steps: int,
         rng: np.random.Generator,
@@ -99,9 +99,9 @@ class HDQNPolicy:
         atoms = task.vocabulary.atoms
         reader = ClauseLearner(atoms, scenes(atoms, task.vocabulary.exclusions), task.heads, 0)
         buffer = RolloutBuffer.empty(steps, environments, *self._sizes)
-        witnesses = [chooser] if chooser.learns else []
+        witnesses = [selector] if selector.learns else []
         return Rollout(
-            environments, reader, chooser, [actor], self.settings.decisions, buffer, rng, witnesses
+            environments, reader, selector, [actor], self.settings.decisions, buffer, rng, witnesses
         )
 
     def played_program(self, passed: Ints, episodes: int) -> tuple[None, None]:
@@ -149,7 +149,7 @@ class MetaController:
     def refresh(self) -> None:
         """Nothing: Q is read anew at each choice."""
 
-    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
         """Its own controller, and a subgoal for each lane. [n], [n]"""
         states = self.state[lanes]
         for lane, state in zip(lanes, states, strict=True):
@@ -174,20 +174,20 @@ class MetaController:
 
 
 class HDQNPlayer:
-    """Acts by a rollout whose chooser sees the whole state."""
+    """Acts by a rollout whose selector sees the whole state."""
 
-    def __init__(self, rollout: Rollout, chooser: MetaController) -> None:
+    def __init__(self, rollout: Rollout, selector: MetaController) -> None:
         self.rollout = rollout
-        self.chooser = chooser
+        self.selector = selector
 
     def act(self, environment: Environment) -> NDArray[Any]:
         """[B, ...]"""
-        self.chooser.state = environment.flat_state()
+        self.selector.state = environment.flat_state()
         return self.rollout.act(environment)
 
     def observe(self, environment: Environment, step: Step) -> None:
         """Ends decisions."""
-        self.chooser.state = environment.flat_state()
+        self.selector.state = environment.flat_state()
         self.rollout.observe(environment, step)
 
     def scenes(self, lane: int) -> tuple[int, ...]:
@@ -202,12 +202,12 @@ class HDQNAgent(HDQNPlayer):
         settings = policy.settings
         layouts, choices = np.random.SeedSequence(seed).spawn(2)
         actions = np.random.default_rng(layouts.spawn(1)[0])
-        chooser = MetaController(policy, settings.lanes, np.random.default_rng(choices))
+        selector = MetaController(policy, settings.lanes, np.random.default_rng(choices))
         self.rollout_steps = settings.block
         self._policy = policy
         super().__init__(
-            policy.rollout(policy.task, settings.lanes, chooser, policy.low_level, settings.block, actions),
-            chooser,
+            policy.rollout(policy.task, settings.lanes, selector, policy.low_level, settings.block, actions),
+            selector,
         )
 
     def update(self, environment: Environment, progress: float) -> Mapping[str, float]:

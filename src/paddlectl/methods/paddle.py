@@ -29,7 +29,7 @@ class PaddleAgent(HybridAgent):
     """Algorithm 2.
 
     At each decision the scene is looked up in Ψ and the candidate of largest Λ leads (lines 5-14,
-    `GuideChooser.choose`); its return is taken down (lines 16-19, `GuideChooser.decided`); after each
+    `GuideSelector.select`); its return is taken down (lines 16-19, `GuideSelector.decided`); after each
     block of steps the target learns from all of it (line 22). The sources stay as they are.
 
     It keeps the weights and an episode of the first hundred, and of the last tenth of the run.
@@ -39,16 +39,16 @@ class PaddleAgent(HybridAgent):
         self,
         target: HybridPolicy,
         sources: Sequence[Source],
-        chooser: guides.GuideChooser,
+        selector: guides.GuideSelector,
         mapping: Mapping[str, Any],
         seed: int,
         frames: int,
     ) -> None:
         rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0].spawn(1)[0])
         actors = [target.low_level, *(source.low_level.guide() for source in sources)]
-        super().__init__(target, chooser, actors, rng, [chooser])
-        self.guides = chooser
-        self._account = Account(chooser, sources)
+        super().__init__(target, selector, actors, rng, [selector])
+        self.guides = selector
+        self._account = Account(selector, sources)
         self._mapping = mapping
         self._frames = frames
         self._phase, self._since, self._now = "early", 0, 0
@@ -114,11 +114,11 @@ def make(setup: Setup) -> PaddleAgent:
     candidates = candidates_of(target.task, target.clauses.bodies, sources, mapping, sharpness, softness)
     rng = np.random.default_rng(setup.seed)
     if readings:
-        chooser: guides.GuideChooser = guides.PaperGuides(target, candidates, lanes, rng, readings)
+        selector: guides.GuideSelector = guides.PaperGuides(target, candidates, lanes, rng, readings)
     else:
-        chooser = guides.PlannedGuides(target, candidates, lanes, rng, setup.rules)
+        selector = guides.PlannedGuides(target, candidates, lanes, rng, setup.rules)
         _inherit(target, sources, mapping, setup.rules.inheritance)
-    return PaddleAgent(target, sources, chooser, document, setup.seed, setup.frames)
+    return PaddleAgent(target, sources, selector, document, setup.seed, setup.frames)
 
 
 def _guide(source: Any) -> Source:

@@ -119,7 +119,7 @@ def faded_weight(similarity: Weights, performance: Weights, count: Weights, fadi
     return first_guess * similarity + (1.0 - first_guess) * performance
 
 
-def choose_guide(weights: Weights, rng: np.random.Generator) -> NDArray[np.intp]:
+def select_guide(weights: Weights, rng: np.random.Generator) -> NDArray[np.intp]:
     """The candidate of largest Λ in each row [n, C], the target in column 0. [n]
 
     Of a source and the target that tie, the source; of tied sources or scenes of one source, a random one.

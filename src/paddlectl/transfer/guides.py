@@ -16,9 +16,9 @@ from paddlectl.transfer.guidance import (
     GuidanceSettings,
     PaperSettings,
     Rule,
-    choose_guide,
     faded_weight,
     guidance_weight,
+    select_guide,
 )
 from paddlectl.transfer.performance import MeanReturns, Table, performance
 from paddlectl.transfer.practice import Practice
@@ -57,7 +57,7 @@ class TracedDecision(NamedTuple):
     weights: Table
 
 
-class GuideChooser:
+class GuideSelector:
     """Scene → Λ of every candidate → guide → subgoal.
 
     Its tables have a row for each situation (`rollout.LEVELS`).
@@ -104,12 +104,12 @@ class GuideChooser:
         """Which sources aren't asked in a situation any more. [R, C]"""
         return np.zeros(self.shape, np.bool_)
 
-    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
         """The guide and the head for each lane. [n], [n]"""
         weighing = self.weigh()
         weights = self._lane_weights(weighing.weight, lanes, situations)
         scenes = situations // LEVELS
-        chosen = choose_guide(weights, self._rng)
+        chosen = select_guide(weights, self._rng)
         rules = self._rules(chosen, weights, weighing.weight[situations], situations)
         practised = self._practised(lanes, scenes)
         novel = practised >= 0
@@ -214,7 +214,7 @@ class GuideChooser:
         raise NotImplementedError
 
 
-class PaperGuides(GuideChooser):
+class PaperGuides(GuideSelector):
     """`guidance: paper`: Eqs. 2 and 3, read as `PaperSettings` say.
 
     G is the running mean of the discounted return from a decision to its episode's end (Algorithm 2, line
@@ -275,7 +275,7 @@ class PaperGuides(GuideChooser):
         self._rewards[lane] = []
 
 
-class PlannedGuides(GuideChooser):
+class PlannedGuides(GuideSelector):
     """`guidance: default`: the rules of `GuidanceSettings` over planned returns."""
 
     def __init__(
