@@ -36,7 +36,7 @@ def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
     from paddlectl.experiments.runner import _source
     from paddlectl.hybrid.agent import HybridAgent
     from paddlectl.hybrid.policy import HybridPolicy, ProgramSelector, settings_for
-    from paddlectl.methods.paddle import _guide, _inherit, _mapping
+    from paddlectl.methods.paddle import _guide, _mapping, _warm_start
     from paddlectl.tasks.suite import load
     from paddlectl.transfer.guidance import GuidanceSettings
 
@@ -46,7 +46,7 @@ def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
     target = HybridPolicy(task, seed, settings_for(task))
     sources = [_guide(_source(opened, policy)) for policy in sources_of(opened, scenario, seed)]
     mapping, _ = _mapping(target, sources, scenario.similarity)
-    _inherit(target, sources, mapping, GuidanceSettings().inheritance)
+    _warm_start(target, sources, mapping, GuidanceSettings().inheritance)
     layouts, choices = np.random.SeedSequence(seed).spawn(2)
     selector = ProgramSelector(target, np.random.default_rng(choices))
     actions = np.random.default_rng(layouts.spawn(1)[0])

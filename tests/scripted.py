@@ -113,10 +113,10 @@ class ByScript:
     def anneal(self, done):
         pass
 
-    def frozen(self):
+    def eval_actor(self):
         return self
 
-    def guide(self):
+    def teacher_actor(self):
         return self
 
     def state(self):

@@ -232,7 +232,7 @@ def test_in_a_minibatch_each_state_has_its_own_guide(monkeypatch, normalised, un
     guided, given = made("discrete", start=0.0, normalised=normalised), []
     agent, learner = guided.agent, guided.agent.policy().learner
     (source,) = agent._sources
-    source.inherit(source.state(), 100.0)  # far from the target
+    source.warm_start(source.state(), 100.0)  # far from the target
     values = torch.from_numpy(np.random.default_rng(0).normal(size=(2 * 8, 7)).astype(np.float32))
 
     def targets(buffer, policy):

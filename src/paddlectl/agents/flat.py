@@ -58,7 +58,7 @@ class FlatPolicy(Policy):
 
     def player(self, task: Task, environments: int, seed: np.random.SeedSequence) -> "FlatPlayer":
         """Plays by what was learned and learns nothing; all chance is `seed`'s."""
-        return FlatPlayer(self.learner.frozen(), np.random.default_rng(seed))
+        return FlatPlayer(self.learner.eval_actor(), np.random.default_rng(seed))
 
     def settings_document(self) -> dict[str, Any]:
         """Its settings as JSON-able values."""

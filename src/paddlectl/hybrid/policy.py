@@ -138,7 +138,7 @@ class HybridPolicy:
             environments,
             _Reading(self.clauses, task),
             ProgramSelector(self, choices, self.settings.sharpness),
-            [self.low_level.frozen()],
+            [self.low_level.eval_actor()],
             self.settings.decisions,
             self.buffer(1, environments),
             actions,

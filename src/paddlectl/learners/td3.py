@@ -103,7 +103,7 @@ class TD3Settings:
         return TD3(observation_size, actions, seed, self)
 
 
-class FrozenTD3(NamedTuple):
+class TD3EvalActor(NamedTuple):
     """An actor that doesn't learn."""
 
     act: Callable[[Floats, np.random.Generator], tuple[Floats, Floats]]
@@ -173,13 +173,13 @@ class TD3:
         actions = np.where(anyhow[:, None], rng.uniform(-1.0, 1.0, shape), noisy.clip(-1.0, 1.0))
         return actions.astype(np.float32), np.zeros(shape[0], np.float32)
 
-    def frozen(self) -> FrozenTD3:
+    def eval_actor(self) -> TD3EvalActor:
         """The actor's slow copy, without noise: it trembles less from one update to the next."""
-        return FrozenTD3(partial(_best, self.slow))
+        return TD3EvalActor(partial(_best, self.slow))
 
-    def guide(self) -> FrozenTD3:
-        """The same actor as it leads another policy."""
-        return self.frozen()
+    def teacher_actor(self) -> TD3EvalActor:
+        """The same actor as the teacher of another policy."""
+        return self.eval_actor()
 
     @property
     def _clones(self) -> bool:
@@ -301,8 +301,8 @@ class TD3:
         """Takes the networks' tensors from `state`."""
         load_named(self._networks(), state)
 
-    def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
-        """Starts from another's networks as they are: there are no odds that a share could weaken."""
+    def warm_start(self, state: dict[str, torch.Tensor], logit_scale: float) -> None:
+        """Starts from another's networks as they are: it has no logits to scale."""
         self.load(state)
         self._skilled = True
 

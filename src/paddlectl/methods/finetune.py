@@ -61,7 +61,7 @@ def start_from(source: Any, setup: Setup) -> HybridPolicy:
     take_clauses(target.clauses, source.clauses)
     theirs, own = source.low_level.state(), target.low_level.state()
     if {name: tensor.shape for name, tensor in theirs.items()} == {n: t.shape for n, t in own.items()}:
-        target.low_level.inherit(theirs, 1.0)
+        target.low_level.warm_start(theirs, 1.0)
     return target
 
 

@@ -83,7 +83,7 @@ class HDQNPolicy:
         """Plays its best subgoals by the frozen controller; all chance is `seed`'s."""
         choices, actions = map(np.random.default_rng, seed.spawn(2))
         selector = MetaController(self, environments, choices, learns=False)
-        rollout = self.rollout(task, environments, selector, self.low_level.frozen(), 1, actions)
+        rollout = self.rollout(task, environments, selector, self.low_level.eval_actor(), 1, actions)
         return HDQNPlayer(rollout, selector)
 
     def rollout(

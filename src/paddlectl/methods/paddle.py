@@ -45,7 +45,7 @@ class PaddleAgent(HybridAgent):
         frames: int,
     ) -> None:
         rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0].spawn(1)[0])
-        actors = [target.low_level, *(source.low_level.guide() for source in sources)]
+        actors = [target.low_level, *(source.low_level.teacher_actor() for source in sources)]
         super().__init__(target, selector, actors, rng, [selector])
         self.guides = selector
         self._account = Account(selector, sources)
@@ -117,7 +117,7 @@ def make(setup: Setup) -> PaddleAgent:
         selector: guides.GuideSelector = guides.PaperGuides(target, candidates, lanes, rng, readings)
     else:
         selector = guides.PlannedGuides(target, candidates, lanes, rng, setup.rules)
-        _inherit(target, sources, mapping, setup.rules.inheritance)
+        _warm_start(target, sources, mapping, setup.rules.inheritance)
     return PaddleAgent(target, sources, selector, document, setup.seed, setup.frames)
 
 
@@ -137,11 +137,11 @@ def _mapping(
     return mapping, mapping_document(name, scenes, mapping, tasks, weights.body_weight, weights.head_weight)
 
 
-def _inherit(target: HybridPolicy, sources: Sequence[Source], mapping: SceneMapping, share: float) -> None:
+def _warm_start(target: HybridPolicy, sources: Sequence[Source], mapping: SceneMapping, share: float) -> None:
     """The most similar of the sources whose networks have the target's shape hands them on."""
     like = [source for source in sources if _shapes(source.low_level) == _shapes(target.low_level)]
     if share and like:
-        target.low_level.inherit(most_similar(like, mapping).low_level.state(), share)
+        target.low_level.warm_start(most_similar(like, mapping).low_level.state(), share)
 
 
 def _shapes(learner: Learner) -> dict[str, tuple[int, ...]]:

@@ -54,7 +54,9 @@ class QMPAgent(ReusingAgent):
         own = super().act(environment)
         buffer, t = self._buffer, self._t
         states = buffer.observations[t]
-        proposed = np.stack([own, *(source.guide().act(states, self._rng)[0] for source in self._sources)])
+        proposed = np.stack(
+            [own, *(source.teacher_actor().act(states, self._rng)[0] for source in self._sources)]
+        )
         values = self._values(states, proposed)
         chosen = switch(values)
         self._recorder.add(self._valuations[t], chosen, values, {"Q": values})
