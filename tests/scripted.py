@@ -127,7 +127,7 @@ class ByScript:
 
 
 class Teller:
-    """Gives these heads in turn, the last for ever; a witness that remembers what it was told."""
+    """Gives these heads in turn, the last for ever; a listener that remembers what it was told."""
 
     def __init__(self, heads: Iterable[int], guides: Sequence[int] = (0,)) -> None:
         self._heads = list(heads)
@@ -144,7 +144,7 @@ class Teller:
         guides = np.array([self._guides[lane % len(self._guides)] for lane in lanes])
         return guides, np.full(len(lanes), head)
 
-    def decided(self, outcome):
+    def on_decision_end(self, outcome):
         self.told.append(outcome)
 
 

@@ -184,12 +184,12 @@ def test_a_run_that_this_version_would_begin_otherwise_is_refused(
 
 
 class Outsider:
-    """A witness that can tell what it knows."""
+    """A listener that can tell what it knows."""
 
     def __init__(self) -> None:
         self._told: list[int] = []
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         self._told.append(int(outcome.steps.sum()))
 
     def snapshot(self) -> list[int]:
@@ -200,14 +200,14 @@ class Outsider:
 
 
 class Mute:
-    """A witness that can't."""
+    """A listener that can't."""
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         pass
 
 
-def with_witness(witness: Any, patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(hdm, "HybridAgent", partial(HybridAgent, witnesses=[witness]))
+def with_listener(listener: Any, patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(hdm, "HybridAgent", partial(HybridAgent, listeners=[listener]))
 
 
 def test_any_class_that_can_tell_its_state_goes_on_with_the_run(place: Path) -> None:
@@ -215,25 +215,25 @@ def test_any_class_that_can_tell_its_state_goes_on_with_the_run(place: Path) -> 
     told = []
     for stop in (Stop(), StopAfter(3)):
         with pytest.MonkeyPatch.context() as patch, suppress(KeyboardInterrupt):
-            with_witness(witness := Outsider(), patch)
+            with_listener(listener := Outsider(), patch)
             train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet, Pace(stop=stop))
-        told.append(witness.snapshot())
+        told.append(listener.snapshot())
     assert 0 < len(told[1]) < len(told[0])
     with pytest.MonkeyPatch.context() as patch:
-        with_witness(witness := Outsider(), patch)
+        with_listener(listener := Outsider(), patch)
         resume(registry.runs()[0].id, registry, quiet, Pace())
-    assert witness.snapshot() == told[0]
+    assert listener.snapshot() == told[0]
 
 
 def test_what_cant_be_captured_is_told_before_anything_is_learned(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     registry = Registry.open(place)
-    with_witness(Mute(), monkeypatch)
+    with_listener(Mute(), monkeypatch)
     with pytest.raises(PaddlectlError) as caught:
         train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet)
     assert str(caught.value) == (
-        f"learning.agent.rollout._witnesses[0]: a Mute of module {__name__} can't be captured: "
+        f"learning.agent.rollout._listeners[0]: a Mute of module {__name__} can't be captured: "
         "give it snapshot() and restore()"
     )
     run = registry.runs()[0]

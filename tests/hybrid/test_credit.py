@@ -53,7 +53,7 @@ class Learning:
                 False,
                 following,
             )
-            self._credit.decided(Outcome(*(np.array([column]) for column in columns)))
+            self._credit.on_decision_end(Outcome(*(np.array([column]) for column in columns)))
             yield
             level = paid
 

@@ -33,7 +33,7 @@ def test_a_batch_of_three_lanes_of_four(monkeypatch):
     meta.select(np.arange(4), np.zeros(4, np.intp))
     meta.state = 100 + began
     # going on after one step, solved after two, cut off by the horizon after one; lane 1 hasn't ended
-    meta.decided(
+    meta.on_decision_end(
         Outcome(
             lanes=np.array([0, 2, 3]),
             situations=np.zeros(3, np.intp),

@@ -116,7 +116,7 @@ def decide(selector, scene, lane=0):
 
 def tell(selector, scene, head, reward, following=None, reached=False, lane=0):
     """What came of the lane's decision; the episode is over if nothing follows."""
-    selector.decided(outcome(scene * LEVELS, head, reward, following, reached, lane))
+    selector.on_decision_end(outcome(scene * LEVELS, head, reward, following, reached, lane))
 
 
 def play(selector, steps, lane=0):
@@ -195,7 +195,7 @@ def test_a_decision_that_the_horizon_cut_off_costs_nothing_and_counts_as_no_miss
         ended = dict(lanes=0, situations=FAR_SCENE * LEVELS, heads=head, guides=1, steps=3)
         ended |= dict(rewards=0.0, reached=False, cut=True, terminated=False, truncated=True)
         columns = {name: np.array([value]) for name, value in ended.items()}
-        selector.decided(Outcome(**columns, next_situations=np.array([FAR_SCENE * LEVELS])))
+        selector.on_decision_end(Outcome(**columns, next_situations=np.array([FAR_SCENE * LEVELS])))
         assert len(selector.traces) == 1
         assert selector.traces[0][0].cut
         assert (selector.chosen.sum(), selector.reached.sum(), selector.cut.sum()) == (1, 0, 1)

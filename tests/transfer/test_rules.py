@@ -59,7 +59,7 @@ def decide(selector, scene=FAR_SCENE):
 def tell(selector, reward=0.0, following=None, reached=False):
     """What came of that decision; the episode is over if nothing follows."""
     present = selector._present[0]
-    selector.decided(outcome(present.situation, present.head, reward, following, reached))
+    selector.on_decision_end(outcome(present.situation, present.head, reward, following, reached))
 
 
 def play(selector, count, worth=(0.0, 0.0, 0.0)):

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from paddlectl.agents.base import Episode, ReuseRow, Tables
 from paddlectl.hybrid.policy import HybridPolicy
-from paddlectl.hybrid.rollout import Rollout, SubgoalSelector, Witness
+from paddlectl.hybrid.rollout import DecisionListener, Rollout, SubgoalSelector
 from paddlectl.learners.base import Actor
 from paddlectl.tasks.base import Environment, Floats, Step
 
@@ -24,7 +24,7 @@ class HybridAgent:
         selector: Who decides.
         actors: The low level of each guide that the selector may name; the learner's own first.
         rng: Of what the actors leave to chance.
-        witnesses: Told of the decisions, besides the learner's own credit.
+        listeners: Learn from the decisions, besides the learner's own credit.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class HybridAgent:
         selector: SubgoalSelector,
         actors: Sequence[Actor],
         rng: np.random.Generator,
-        witnesses: Sequence[Witness] = (),
+        listeners: Sequence[DecisionListener] = (),
     ) -> None:
         settings = learner.settings
         self.learner = learner
@@ -48,7 +48,7 @@ class HybridAgent:
             settings.decisions,
             learner.buffer(settings.block, settings.lanes),
             rng,
-            [*witnesses, self.credit],
+            [*listeners, self.credit],
         )
         self._fresh = True
         self._recent = _Recent(len(learner.clauses.bodies))

@@ -16,8 +16,8 @@ from paddlectl.tasks.base import Bools, Floats, Ints
 class Credit(Protocol):
     """Turns decisions into updates of the clause weights."""
 
-    def decided(self, outcome: Outcome) -> None:
-        """Told of the decisions that ended in a step."""
+    def on_decision_end(self, outcome: Outcome) -> None:
+        """Counts the decisions that ended in a step."""
 
     def update(self) -> None:
         """Updates the weights, once a block."""
@@ -71,7 +71,7 @@ class PlannedCredit:
         self._visits = np.zeros(situations)
         self._guided = np.zeros((situations, len(clauses.heads)))
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         """Counts the decisions for the heads that the clauses know."""
         discounts = self._clauses.settings.discounts(outcome.steps)
         taught = (outcome.guides != TARGET) & outcome.reached
@@ -138,7 +138,7 @@ class MonteCarloCredit:
         self._going_on: dict[int, list[tuple[int, int, float, bool]]] = {}
         self._ended: list[Decisions] = []
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         """Keeps the decisions until their episodes end."""
         imitate = (outcome.guides != TARGET) & outcome.reached
         columns = (

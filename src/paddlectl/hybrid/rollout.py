@@ -87,11 +87,11 @@ class SubgoalSelector(Protocol):
         """The guide and the head, as an index into the domain's heads, for each lane. [n], [n]"""
 
 
-class Witness(Protocol):
-    """Who learns from what was decided."""
+class DecisionListener(Protocol):
+    """Who learns from decisions."""
 
-    def decided(self, outcome: "Outcome") -> None:
-        """Told of the decisions that ended in this step."""
+    def on_decision_end(self, outcome: "Outcome") -> None:
+        """Learns from the decisions that ended in this step."""
 
 
 class SceneReader(Protocol):
@@ -111,7 +111,7 @@ class Rollout:
         settings: When a decision ends.
         buffer: Where the low level's samples go, step after step; then from the start again.
         rng: Of what the actors leave to chance.
-        witnesses: Told of every decision that ended.
+        listeners: Learn from every decision that ended.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class Rollout:
         settings: DecisionSettings,
         buffer: RolloutBuffer,
         rng: np.random.Generator,
-        witnesses: Sequence[Witness] = (),
+        listeners: Sequence[DecisionListener] = (),
     ) -> None:
         self.buffer = buffer
         self._reader = reader
@@ -131,7 +131,7 @@ class Rollout:
         self._actors = actors
         self._settings = settings
         self._rng = rng
-        self._witnesses = witnesses
+        self._listeners = listeners
         self._t = 0
         self._head = np.zeros(lanes, np.intp)
         self._guide = np.zeros(lanes, np.intp)
@@ -236,8 +236,8 @@ class Rollout:
         )
         for lane, scene in zip(lanes.tolist(), scenes.tolist(), strict=True):
             self._passed[lane][scene] = None
-        for witness in self._witnesses:
-            witness.decided(outcome)
+        for listener in self._listeners:
+            listener.on_decision_end(outcome)
 
     def _forget(self, lanes: Ints) -> None:
         """The lanes' episodes are over."""

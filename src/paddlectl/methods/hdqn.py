@@ -99,9 +99,9 @@ class HDQNPolicy:
         atoms = task.vocabulary.atoms
         reader = ClauseLearner(atoms, scenes(atoms, task.vocabulary.exclusions), task.heads, 0)
         buffer = RolloutBuffer.empty(steps, environments, *self._sizes)
-        witnesses = [selector] if selector.learns else []
+        listeners = [selector] if selector.learns else []
         return Rollout(
-            environments, reader, selector, [actor], self.settings.decisions, buffer, rng, witnesses
+            environments, reader, selector, [actor], self.settings.decisions, buffer, rng, listeners
         )
 
     def played_program(self, passed: Ints, episodes: int) -> tuple[None, None]:
@@ -158,7 +158,7 @@ class MetaController:
         chosen = meta.act(states, self._rng) if self.learns else meta.values(states).argmax(-1)
         return np.full(len(lanes), TARGET), self._domain_head[chosen]
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         """Learns from the decisions that ended; `state` is what they led to."""
         discounts = self._policy.settings.discounts.discounts(outcome.steps)
         began = np.stack([self._began[lane] for lane in outcome.lanes])

@@ -29,8 +29,8 @@ class PaddleAgent(HybridAgent):
     """Algorithm 2.
 
     At each decision the scene is looked up in Ψ and the candidate of largest Λ leads (lines 5-14,
-    `GuideSelector.select`); its return is taken down (lines 16-19, `GuideSelector.decided`); after each
-    block of steps the target learns from all of it (line 22). The sources stay as they are.
+    `GuideSelector.select`); its return is taken down (lines 16-19, `GuideSelector.on_decision_end`); after
+    each rollout the target learns from all of it (line 22). The sources stay as they are.
 
     It keeps the weights and an episode of the first hundred, and of the last tenth of the run.
     """

@@ -134,7 +134,7 @@ class GuideSelector:
             )
         return self.candidates.guides[chosen], heads
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended."""
         for lane, steps, reward, reached, cut, terminated, done, following in zip(
             outcome.lanes,
@@ -320,9 +320,9 @@ class PlannedGuides(GuideSelector):
         weights[:, TARGET] = np.maximum(merit, rules.curiosity)
         return weights
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended, then makes one sweep of planning."""
-        super().decided(outcome)
+        super().on_decision_end(outcome)
         self._returns = self._plan.returns(self._weights().max(-1))
 
     def dropped(self) -> Bools:
