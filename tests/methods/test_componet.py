@@ -1,4 +1,4 @@
-"""CompoNet's module as worked by hand, what PPO changes of it, and the account of who was followed."""
+"""CompoNet's module as worked by hand, what PPO changes of it, and the record of who was followed."""
 
 import numpy as np
 import pytest

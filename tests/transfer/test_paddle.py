@@ -18,9 +18,9 @@ from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.methods.paddle import PaddleAgent
 from paddlectl.transfer import guides
-from paddlectl.transfer.account import Account
 from paddlectl.transfer.candidates import Source, candidates_of, most_similar
 from paddlectl.transfer.guidance import GuidanceSettings, PaperSettings
+from paddlectl.transfer.recorder import GuideRecorder
 from paddlectl.transfer.similarity import map_scenes
 from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, STAY, TASK, TWO, ByScript, Corridor, outcome
 
@@ -368,7 +368,7 @@ def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():
 
 
 @pytest.mark.parametrize("mode", ["paper", "default"])
-def test_the_account_of_what_was_decided(mode):
+def test_the_record_of_what_was_decided(mode):
     selector = one_of_each(mode, target(), sources(WALK), lanes=2)
     guides, heads = selector.select(np.array([0, 1]), np.array([FAR_SCENE, NEAR_SCENE]) * LEVELS)
     tell(selector, FAR_SCENE, heads[0], 0.1, following=NEAR_SCENE, reached=True, lane=0)
@@ -413,7 +413,7 @@ def test_to_look_at_a_run_changes_nothing(mode):
     """With what `explain` reads written every round, and without, the same policy comes out."""
 
     def watch(selector, given):
-        assert list(Account(selector, given).weights("late", 0))
+        assert list(GuideRecorder(selector, given).weights("late", 0))
         first, again = selector.weigh(), selector.weigh()
         assert all(np.array_equal(one, other) for one, other in zip(first, again, strict=True))
 

@@ -142,7 +142,7 @@ class FlatAgent(Agent):
 
 
 class ReusingAgent(FlatAgent):
-    """A flat learner with sources at hand, and the account of who was followed.
+    """A flat learner with sources at hand, and a record of who was followed.
 
     A method chooses in `_learn`, or in `act`, and takes that down by `_recorder.add`.
 
@@ -165,7 +165,7 @@ class ReusingAgent(FlatAgent):
         )
 
     def act(self, environment: Environment) -> NDArray[Any]:
-        """Explores as the learner does; the scene is kept for the account. [B, ...]"""
+        """Explores as the learner does; the scene is kept for the record. [B, ...]"""
         self._valuations[self._t] = environment.valuation()
         return super().act(environment)
 

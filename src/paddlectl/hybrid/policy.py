@@ -149,7 +149,7 @@ class HybridPolicy:
         return RolloutBuffer.empty(steps, environments, *self._sizes)
 
     def credit(self) -> Credit:
-        """A new account of decisions for its clause weights to learn from."""
+        """A new credit of decisions for its clause weights to learn from."""
         return credit(self.clauses, task_heads(self.task), self.settings.credit)
 
     def settings_document(self) -> dict[str, Any]:

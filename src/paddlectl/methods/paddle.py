@@ -15,10 +15,10 @@ from paddlectl.methods.base import Method, Setup
 from paddlectl.scenario import Scenario, Similarity
 from paddlectl.tasks.base import GUIDED, Task
 from paddlectl.transfer import guides
-from paddlectl.transfer.account import Account
 from paddlectl.transfer.candidates import Source, candidates_of, most_similar
 from paddlectl.transfer.documents import mapping_document
 from paddlectl.transfer.guidance import GuidanceSettings
+from paddlectl.transfer.recorder import GuideRecorder
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
 EARLY = 100
@@ -48,7 +48,7 @@ class PaddleAgent(HybridAgent):
         actors = [target.low_level, *(source.low_level.teacher_actor() for source in sources)]
         super().__init__(target, selector, actors, rng, [selector])
         self.guides = selector
-        self._account = Account(selector, sources)
+        self._recorder = GuideRecorder(selector, sources)
         self._mapping = mapping
         self._frames = frames
         self._phase, self._since, self._now = "early", 0, 0
@@ -66,7 +66,7 @@ class PaddleAgent(HybridAgent):
                 row["chosen"],
                 row["reached"],
             )
-            for row in self._account.weights(self._phase, self._now)
+            for row in self._recorder.weights(self._phase, self._now)
         ]
 
     def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
@@ -87,7 +87,7 @@ class PaddleAgent(HybridAgent):
 
     def close(self) -> Tables:
         """The weights as of now."""
-        return {"weights": list(self._account.weights(self._phase, self._now))}
+        return {"weights": list(self._recorder.weights(self._phase, self._now))}
 
     def documents(self) -> Mapping[str, Any]:
         """Ψ, and an episode of each phase decision by decision, once there is one."""
@@ -98,7 +98,7 @@ class PaddleAgent(HybridAgent):
         best = self._trace.get(f"score_{self._phase}", -1.0)
         if (self._phase == "early" and best > 0) or (score == 0 and best >= 0):
             return
-        self._trace[self._phase] = self._account.trace(decisions)
+        self._trace[self._phase] = self._recorder.trace(decisions)
         self._trace[f"score_{self._phase}"] = score
 
 

@@ -1,4 +1,4 @@
-"""An account of who led where and why: what a transfer leaves for `explain`, as JSON-able rows."""
+"""Records who led where and why: what a transfer leaves for `explain`, as JSON-able rows."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from paddlectl.transfer.guidance import RULES
 from paddlectl.transfer.guides import GuideSelector, TracedDecision
 
 
-class Account:
+class GuideRecorder:
     """Reads a selector's tables in the names of scenes, heads and policies."""
 
     def __init__(self, selector: GuideSelector, sources: Sequence[Source]) -> None:
