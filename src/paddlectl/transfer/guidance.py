@@ -73,7 +73,7 @@ class GuidanceSettings:
             the target explores, at once, and only there.
         least_reached: A source that reached its subgoal in less than this share of its decisions in a
             situation isn't asked there any more, once it was asked `trials` times. To fail and be asked
-            again costs little by the plan; to the target it costs the time in which it would learn.
+            again costs little by the model; to the target it costs the time in which it would learn.
         trials: Decisions by which `least_reached` judges.
         repeat_penalty: Taken off a candidate's Λ for each earlier decision of its guide for the same subgoal
             in this scene of this episode: the subgoal was missed, or the episode came back. A frozen

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from paddlectl.hybrid.plan import Plan
 from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, task_heads
 from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.hybrid.semi_markov import SemiMarkovModel
 from paddlectl.learners.buffers import TARGET
 from paddlectl.tasks.base import Bools, Ints
 from paddlectl.transfer.candidates import Candidates
@@ -290,7 +290,7 @@ class PlannedGuides(GuideSelector):
         self.rules = settings
         memory = np.where(candidates.guides == TARGET, settings.target_memory, settings.source_memory)
         self._clauses = target.settings.clauses
-        self._plan = Plan(*self.shape, memory)
+        self._model = SemiMarkovModel(*self.shape, memory)
         self._returns = np.zeros(self.shape)
         self._tried = np.zeros(self.shape, np.intp)
         self._hits = np.zeros(self.shape, np.intp)
@@ -313,7 +313,7 @@ class PlannedGuides(GuideSelector):
     def _weights(self) -> Table:
         """Λ without the target's margin. [R, C]"""
         rules = self.rules
-        weights = faded_weight(self._known, self._returns, self._plan.count, rules.fading)
+        weights = faded_weight(self._known, self._returns, self._model.count, rules.fading)
         weights[np.isneginf(self._similarity)] = -np.inf
         weights[self.dropped()] = DROPPED
         merit = np.where(self._measured(), self._returns[:, TARGET], 0.0)
@@ -323,7 +323,7 @@ class PlannedGuides(GuideSelector):
     def on_decision_end(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended, then makes one sweep of planning."""
         super().on_decision_end(outcome)
-        self._returns = self._plan.returns(self._weights().max(-1))
+        self._returns = self._model.returns(self._weights().max(-1))
 
     def dropped(self) -> Bools:
         """Sources that hardly ever reach their subgoal in a situation. [R, C]"""
@@ -351,7 +351,7 @@ class PlannedGuides(GuideSelector):
 
     def _measured(self) -> Bools:
         """Where the target has led often enough for its returns to count. [R]"""
-        measured: Bools = self._plan.count[:, TARGET] >= self.rules.audition_samples
+        measured: Bools = self._model.count[:, TARGET] >= self.rules.audition_samples
         return measured
 
     def _practised(self, lanes: Ints, scenes: Ints) -> Ints:
@@ -369,7 +369,7 @@ class PlannedGuides(GuideSelector):
         self._tried[decision.situation, decision.candidate] += not decision.cut
         self._hits[decision.situation, decision.candidate] += decision.reached
         discount = float(self._clauses.discounts(np.array(decision.steps)))
-        self._plan.record(decision.situation, decision.candidate, reward, following, discount)
+        self._model.record(decision.situation, decision.candidate, reward, following, discount)
         if guide == TARGET and not decision.cut:
             self._practice.decided(decision.situation // LEVELS, decision.head, decision.reached)
 

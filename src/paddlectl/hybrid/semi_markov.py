@@ -1,4 +1,4 @@
-"""Returns by planning over what was counted, in place of returns averaged over whole episodes."""
+"""A tabular model of the high level: returns by planning in it, not averaged over whole episodes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 Table = NDArray[np.float64]
 
 
-class Plan:
-    """The high level as a small semi-Markov decision process, counted while it is played.
+class SemiMarkovModel:
+    """The high level as a semi-Markov decision process (Sutton et al., 1999), counted while it is played.
 
     In a situation an option (a head, or a guide) is taken; what its decisions earned and where they led
     is counted, and returns follow by dynamic programming over the counts. A mean over whole episodes
     blames a good first move for what came later, hardly notices two moves that undo each other, and
-    waits for episodes to end; the plan has none of these faults.
+    waits for episodes to end; the model has none of these faults.
 
     Args:
         situations: R, how many.
