@@ -13,7 +13,7 @@ def test_the_weight_is_the_sum_of_both_similarities():
     assert found.tolist() == [[0.625, NEVER, 0.25]]
 
 
-# ψ, Φ, decisions, fading, Λ = f·ψ + (1 - f)·Φ with f = fading^decisions
+# ψ, Φ, decisions, decay, Λ = f·ψ + (1 - f)·Φ with f = decay^decisions
 FADED = [
     (0.8, 0.0, 0.0, 0.5, 0.8),
     (0.8, 0.4, 1.0, 0.5, 0.6),
@@ -25,9 +25,9 @@ FADED = [
 ]
 
 
-@pytest.mark.parametrize(("similarity", "phi", "count", "fading", "weight"), FADED)
-def test_faded_weight_as_worked_by_hand(similarity, phi, count, fading, weight):
-    found = faded_weight(np.array([similarity]), np.array([phi]), np.array([count]), fading)
+@pytest.mark.parametrize(("similarity", "phi", "count", "decay", "weight"), FADED)
+def test_faded_weight_as_worked_by_hand(similarity, phi, count, decay, weight):
+    found = faded_weight(np.array([similarity]), np.array([phi]), np.array([count]), decay)
     assert found.item() == pytest.approx(weight)
 
 

@@ -20,7 +20,7 @@ from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, RIGHT, TASK, TWO, ByScrip
 WALK = "1.0 :: gt_end() :- far()"
 MATCHED = "0.8 :: gt_end() :- far()\n0.2 :: gt_two() :- far()"  # ψ 14/15 in the far scene; WALK's is 13/15
 EVERY_HEAD = "0.4 :: gt_end() :- far()\n0.3 :: gt_two() :- far()\n0.3 :: gt_moon() :- far()"
-MERIT = GuidanceSettings(audition_rate=0.0, practice_rate=0.0)
+MERIT = GuidanceSettings(forced_trial_rate=0.0, novel_subgoal_rate=0.0)
 """Nothing is tried; Λ alone decides."""
 
 
@@ -171,7 +171,7 @@ def test_there_is_no_floor_in_paper():
 
 def test_a_target_on_trial_leads_once_in_an_episode():
     """Its clauses are alike, so its certainty is a third."""
-    selector = planned(WALK, settings=replace(MERIT, audition_rate=3.1))
+    selector = planned(WALK, settings=replace(MERIT, forced_trial_rate=3.1))
     assert decide(selector) == (TARGET, "trial")
     weights = selector._present[0].weights
     assert weights[1] > weights[TARGET]
@@ -184,7 +184,7 @@ def test_a_target_on_trial_leads_once_in_an_episode():
 def test_a_target_that_leads_anyway_is_not_on_trial():
     selector = planned(WALK)
     play(selector, 12)
-    selector.rules = replace(MERIT, audition_rate=3.1)
+    selector.rules = replace(MERIT, forced_trial_rate=3.1)
     assert decide(selector) == (TARGET, "floor")
 
 
@@ -192,7 +192,7 @@ def test_a_target_that_leads_anyway_is_not_on_trial():
 
 
 def test_a_subgoal_that_no_source_knows_is_explored_once_in_an_episode():
-    selector = planned(MATCHED, settings=replace(MERIT, practice_rate=1.0))
+    selector = planned(MATCHED, settings=replace(MERIT, novel_subgoal_rate=1.0))
     assert decide(selector) == (TARGET, "novel")
     assert selector._present[0].head == MOON
     tell(selector, 0.1, following=FAR_SCENE, reached=True)
@@ -200,12 +200,12 @@ def test_a_subgoal_that_no_source_knows_is_explored_once_in_an_episode():
 
 
 def test_nothing_is_novel_where_the_sources_know_every_subgoal():
-    selector = planned(EVERY_HEAD, settings=replace(MERIT, practice_rate=1.0))
+    selector = planned(EVERY_HEAD, settings=replace(MERIT, novel_subgoal_rate=1.0))
     assert "novel" not in {rule for _, rule in play(selector, 40)}
 
 
 def test_a_novel_subgoal_goes_before_a_trial():
-    selector = planned(MATCHED, settings=replace(MERIT, audition_rate=3.1, practice_rate=1.0))
+    selector = planned(MATCHED, settings=replace(MERIT, forced_trial_rate=3.1, novel_subgoal_rate=1.0))
     assert decide(selector) == (TARGET, "novel")
 
 
@@ -213,7 +213,7 @@ def test_a_novel_subgoal_goes_before_a_trial():
 
 
 def test_traces_and_counts_keep_the_rules():
-    selector = planned(WALK, settings=replace(MERIT, audition_rate=3.1))
+    selector = planned(WALK, settings=replace(MERIT, forced_trial_rate=3.1))
     decide(selector)
     tell(selector, 0.1, following=FAR_SCENE, reached=True)
     decide(selector)

@@ -20,8 +20,8 @@ from paddlectl.transfer.guidance import (
     guidance_weight,
     select_guide,
 )
+from paddlectl.transfer.novel_subgoals import NovelSubgoalExploration
 from paddlectl.transfer.performance import MeanReturns, Table, performance
-from paddlectl.transfer.practice import Practice
 
 DROPPED = -1.0
 """Λ of a source that is dropped from a situation: below anything that the target may have."""
@@ -111,12 +111,12 @@ class GuideSelector:
         scenes = situations // LEVELS
         chosen = select_guide(weights, self._rng)
         rules = self._rules(chosen, weights, weighing.weight[situations], situations)
-        practised = self._practised(lanes, scenes)
-        novel = practised >= 0
+        explored = self._novel_heads(lanes, scenes)
+        novel = explored >= 0
         chosen[novel], rules[novel] = TARGET, "novel"
-        trial = self._auditions(lanes, scenes, chosen)
+        trial = self._forced_trials(lanes, scenes, chosen)
         chosen[trial], rules[trial] = TARGET, "trial"
-        heads = np.where(novel, practised, self._heads(chosen, scenes))
+        heads = np.where(novel, explored, self._heads(chosen, scenes))
         for lane, situation, candidate, head, rule, weight in zip(
             lanes, situations, chosen, heads, rules, weights, strict=True
         ):
@@ -192,10 +192,10 @@ class GuideSelector:
     def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
         return weights[situations]
 
-    def _practised(self, lanes: Ints, scenes: Ints) -> Ints:
+    def _novel_heads(self, lanes: Ints, scenes: Ints) -> Ints:
         return np.full(len(lanes), -1)
 
-    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
+    def _forced_trials(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         return np.zeros(len(lanes), np.bool_)
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
@@ -299,13 +299,13 @@ class PlannedGuides(GuideSelector):
         self._leading_head = candidates.heads.argmax(-1)
         guides_and_heads = int(candidates.guides.max()) + 1, candidates.heads.shape[1]
         self._repeats = np.zeros((lanes, self.shape[0], *guides_and_heads), np.float32)
-        self._heard = np.zeros(lanes, np.bool_)
+        self._forced = np.zeros(lanes, np.bool_)
         novel = task_heads(target.task) >= 0
         novel &= ~candidates.heads[1:].any(0)
-        self._practice = Practice(novel, self.shape[0] // LEVELS, lanes, settings, rng)
+        self._exploration = NovelSubgoalExploration(novel, self.shape[0] // LEVELS, lanes, settings, rng)
 
     def weigh(self) -> Weighing:
-        """ψ faded into the planned Φ; the target by merit, or out of curiosity. [R, C] each"""
+        """ψ faded into the planned Φ; the target by merit, or by its floor. [R, C] each"""
         weights = self._weights()
         weights[:, TARGET] += self.rules.target_margin * self._measured()
         return Weighing(self._similarity, self._returns, weights)
@@ -313,11 +313,11 @@ class PlannedGuides(GuideSelector):
     def _weights(self) -> Table:
         """Λ without the target's margin. [R, C]"""
         rules = self.rules
-        weights = faded_weight(self._known, self._returns, self._model.count, rules.fading)
+        weights = faded_weight(self._known, self._returns, self._model.count, rules.similarity_decay)
         weights[np.isneginf(self._similarity)] = -np.inf
         weights[self.dropped()] = DROPPED
         merit = np.where(self._measured(), self._returns[:, TARGET], 0.0)
-        weights[:, TARGET] = np.maximum(merit, rules.curiosity)
+        weights[:, TARGET] = np.maximum(merit, rules.target_floor)
         return weights
 
     def on_decision_end(self, outcome: Outcome) -> None:
@@ -328,7 +328,7 @@ class PlannedGuides(GuideSelector):
     def dropped(self) -> Bools:
         """Sources that hardly ever reach their subgoal in a situation. [R, C]"""
         hopeless: Bools = (self._tried >= self.rules.trials) & (
-            self._hits < self.rules.least_reached * self._tried
+            self._hits < self.rules.drop_below_success * self._tried
         )
         hopeless[:, TARGET] = False
         return hopeless
@@ -338,30 +338,30 @@ class PlannedGuides(GuideSelector):
         leading[:, TARGET] = self._own_heads[self._own[situations // LEVELS].argmax(-1)]
         repeats = self._repeats[lanes[:, None], situations[:, None], self.candidates.guides, leading]
         penalised: Table = weights[situations] - self.rules.repeat_penalty * repeats
-        penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.curiosity)
+        penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.target_floor)
         return penalised
 
     def _rules(
         self, chosen: Ints, weights: Table, unpenalised: Table, situations: Ints
     ) -> NDArray[np.object_]:
         rules = super()._rules(chosen, weights, unpenalised, situations)
-        floor = self.rules.curiosity + self.rules.target_margin * self._measured()[situations]
+        floor = self.rules.target_floor + self.rules.target_margin * self._measured()[situations]
         rules[(chosen == TARGET) & (unpenalised[:, TARGET] <= floor) & (rules != "penalty")] = "floor"
         return rules
 
     def _measured(self) -> Bools:
         """Where the target has led often enough for its returns to count. [R]"""
-        measured: Bools = self._model.count[:, TARGET] >= self.rules.audition_samples
+        measured: Bools = self._model.count[:, TARGET] >= self.rules.forced_trial_samples
         return measured
 
-    def _practised(self, lanes: Ints, scenes: Ints) -> Ints:
-        return self._practice.heads(lanes, scenes)
+    def _novel_heads(self, lanes: Ints, scenes: Ints) -> Ints:
+        return self._exploration.heads(lanes, scenes)
 
-    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
-        rate = self.rules.audition_rate * self._own[scenes].max(-1)
-        heard: Bools = (chosen != TARGET) & ~self._heard[lanes] & (self._rng.random(len(lanes)) < rate)
-        self._heard[lanes] |= heard
-        return heard
+    def _forced_trials(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
+        rate = self.rules.forced_trial_rate * self._own[scenes].max(-1)
+        forced: Bools = (chosen != TARGET) & ~self._forced[lanes] & (self._rng.random(len(lanes)) < rate)
+        self._forced[lanes] |= forced
+        return forced
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         guide = self.candidates.guides[decision.candidate]
@@ -371,9 +371,9 @@ class PlannedGuides(GuideSelector):
         discount = float(self._clauses.discounts(np.array(decision.steps)))
         self._model.record(decision.situation, decision.candidate, reward, following, discount)
         if guide == TARGET and not decision.cut:
-            self._practice.decided(decision.situation // LEVELS, decision.head, decision.reached)
+            self._exploration.record(decision.situation // LEVELS, decision.head, decision.reached)
 
     def _end(self, lane: int) -> None:
         self._repeats[lane] = 0
-        self._heard[lane] = False
-        self._practice.ended(lane)
+        self._forced[lane] = False
+        self._exploration.ended(lane)

@@ -85,7 +85,7 @@ first order of play that works is worth stays below ψ in most scenes, so that g
 there yet are asked once.
 """
 
-GUIDANCE: Mapping[str, Any] = {"fading": 0.3, "audition_rate": 0.05}
+GUIDANCE: Mapping[str, Any] = {"similarity_decay": 0.3, "forced_trial_rate": 0.05}
 """A decision that fails takes a third of an episode here, so that guides are soon judged by what came of
 them, and the target is heard less often.
 """
