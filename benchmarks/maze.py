@@ -50,7 +50,12 @@ ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "repeat": {
         "repeat": 1,
         "block": 160,
-        "low_level": {"discount": 0.92 ** (1 / 20), "span": 1000, "errand_steps": 240.0, "update_every": 320},
+        "low_level": {
+            "discount": 0.92 ** (1 / 20),
+            "span": 1000,
+            "goal_exploration_steps": 240.0,
+            "update_every": 320,
+        },
     },
     **{
         name: {"low_level": {name: paper}}
@@ -74,7 +79,7 @@ GUIDED: Mapping[str, Mapping[str, Any]] = {
             "learning_rate": 3e-4,
             "discount": 0.98,
             "span": 100,
-            "errand_steps": 40.0,
+            "goal_exploration_steps": 40.0,
         }
     },
 }

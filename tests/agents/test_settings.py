@@ -3,6 +3,7 @@
 import pytest
 
 from paddlectl.agents.settings import restored
+from paddlectl.learners.td3 import TD3Settings
 from paddlectl.transfer.guidance import GuidanceSettings
 
 OLDER_RULES = {
@@ -26,6 +27,9 @@ def test_older_names_are_read() -> None:
         novel_subgoal_rate=0.2,
         novel_subgoal_success=0.6,
     )
+    older = {"tracking": 0.5, "errands": 0.2, "errand_steps": 3.0}
+    today = TD3Settings(tau=0.5, goal_exploration=0.2, goal_exploration_steps=3.0)
+    assert restored(TD3Settings(), older, "low_level") == today
 
 
 @pytest.mark.parametrize(

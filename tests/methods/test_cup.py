@@ -155,7 +155,7 @@ def flat_source(name, task, method, **changes):
 SMALL_TD3 = {
     "learner": {
         "hidden": (16,), "warm_up": 8, "update_every": 2, "batch": 8, "capacity": 1000,
-        "learning_rate": 0.01, "tracking": 0.5,
+        "learning_rate": 0.01, "tau": 0.5,
     }
 }  # fmt: skip
 KINDS = {

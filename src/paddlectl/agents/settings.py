@@ -12,6 +12,9 @@ RENAMED: Mapping[str, str] = {
     "audition_samples": "forced_trial_samples",
     "practice_rate": "novel_subgoal_rate",
     "practice_reached": "novel_subgoal_success",
+    "tracking": "tau",
+    "errands": "goal_exploration",
+    "errand_steps": "goal_exploration_steps",
 }
 """What a setting was called when older runs and policies were stored -> what it is called now."""
 

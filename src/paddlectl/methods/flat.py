@@ -16,7 +16,7 @@ USUAL = {
         repeat=20,
         reward_unit=100.0,
         learner=TD3Settings(
-            learning_rate=1e-3, final_rate=0.2, optimiser="adam", update_every=16, tracking=0.05,
+            learning_rate=1e-3, final_rate=0.2, optimiser="adam", update_every=16, tau=0.05,
             hidden=(256, 256), normalised=True, exploration=0.2, random_actions=0.9, saturation_cost=1.0,
         ),
     ),
