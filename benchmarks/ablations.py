@@ -85,7 +85,7 @@ RULES = {
         "clause weights learn from Monte-Carlo returns, as in the paper",
         changes={"credit": {"planned": False}},
     ),
-    "block": Ablation("an update every 64 steps", changes={"block": 64}),
+    "block": Ablation("an update every 64 steps", changes={"rollout_steps": 64}),
     "fourth_epoch": Ablation("three passes over each block", changes={"low_level": {"epochs": 3}}),
     "paper": Ablation("all rules of guidance are off: Λ = ψ + Φ", guidance=Guidance(mode="paper")),
     **{

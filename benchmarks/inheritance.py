@@ -51,7 +51,7 @@ def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
     selector = ProgramSelector(target, np.random.default_rng(choices))
     actions = np.random.default_rng(layouts.spawn(1)[0])
     agent = HybridAgent(target, selector, [target.low_level], actions)
-    environment = task.make(target.settings.lanes, int(layouts.generate_state(1)[0]))
+    environment = task.make(target.settings.num_envs, int(layouts.generate_state(1)[0]))
     learning = Learning(environment, agent, frames or BUDGETS[task.name])
     episodes, progress = [], []
     for round_ in learning:

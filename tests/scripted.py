@@ -34,16 +34,16 @@ class Corridor:
     flat_size = 4
     actions = Actions(3)
 
-    def __init__(self, lanes: int, seed: int, repeat: int = 1, split: str = "training") -> None:
-        assert repeat == 1
-        self.lanes, self.repeat = lanes, repeat
+    def __init__(self, num_envs: int, seed: int, action_repeat: int = 1, split: str = "training") -> None:
+        assert action_repeat == 1
+        self.num_envs, self.action_repeat = num_envs, action_repeat
         self._next = 1000 * seed
-        self.layout, self.place, self.t = np.zeros((3, lanes), np.intp)
-        self.paid = np.zeros(lanes, np.bool_)
+        self.layout, self.place, self.t = np.zeros((3, num_envs), np.intp)
+        self.paid = np.zeros(num_envs, np.bool_)
         self.reset()
 
     def reset(self, lanes=None):
-        chosen = np.flatnonzero(np.ones(self.lanes, np.bool_) if lanes is None else lanes)
+        chosen = np.flatnonzero(np.ones(self.num_envs, np.bool_) if lanes is None else lanes)
         self.layout[chosen] = self._next + np.arange(len(chosen))
         self._next += len(chosen)
         self.place[chosen] = 0
@@ -76,7 +76,7 @@ class Corridor:
         return actions
 
     def reached(self, heads):
-        places = {TWO: self.place == 2, END: self._at_end(), MOON: np.ones(self.lanes, np.bool_)}
+        places = {TWO: self.place == 2, END: self._at_end(), MOON: np.ones(self.num_envs, np.bool_)}
         return np.array([head in places and places[head][lane] for lane, head in enumerate(heads)])
 
     def available(self, heads):
@@ -150,7 +150,7 @@ class Teller:
 
 def learning(method: Method, setup: Setup) -> Learning:
     """The method's agent at work, as a run has it."""
-    environment = setup.task.make(setup.settings.lanes, setup.seed, setup.settings.repeat)
+    environment = setup.task.make(setup.settings.num_envs, setup.seed, setup.settings.action_repeat)
     return Learning(environment, method.make(setup), setup.frames)
 
 
@@ -172,5 +172,5 @@ def outcome(situation, head, reward=0.0, following=None, reached=False, lane=0):
     return Outcome(**{name: np.array([value]) for name, value in columns.items()})
 
 
-def block(steps: int, lanes: int) -> RolloutBuffer:
-    return RolloutBuffer.empty(steps, lanes, Corridor.observation_size)
+def block(steps: int, num_envs: int) -> RolloutBuffer:
+    return RolloutBuffer.empty(steps, num_envs, Corridor.observation_size)

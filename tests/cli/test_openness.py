@@ -218,7 +218,7 @@ def test_the_only_task_of_a_domain_has_no_other_to_compare(
 
 def test_the_hybrid_model_learns_a_plug_ins_environment(installed: Path, tmp_path: Path) -> None:
     registry = Registry.open(tmp_path / "registry")
-    few = {"lanes": 2, "block": 8}
+    few = {"num_envs": 2, "rollout_steps": 8}
     row = train_source(TrainJob("CoinCorridor", 0, 1, few), registry, quiet)
     assert "has_coin(agent)" in str(registry.policy(row["policy"]).program)
 

@@ -35,11 +35,13 @@ SETTINGS = DecisionSettings(max_steps=5, reached_reward=1.0, delay_cost=0.5, fai
 class Run:
     """A rollout at work in corridors, a block at a time."""
 
-    def __init__(self, lanes, selector, *actors, settings=SETTINGS):
+    def __init__(self, num_envs, selector, *actors, settings=SETTINGS):
         reader = ClauseLearner((FAR,), scenes((FAR,)), TASK.heads, 0)
         rng = np.random.default_rng(0)
-        self.environment = Corridor(lanes, 0)
-        self._rollout = Rollout(lanes, reader, selector, actors, settings, block(1, lanes), rng, [selector])
+        self.environment = Corridor(num_envs, 0)
+        self._rollout = Rollout(
+            num_envs, reader, selector, actors, settings, block(1, num_envs), rng, [selector]
+        )
         self._interaction = Interaction(self.environment, self._rollout)
 
     @property

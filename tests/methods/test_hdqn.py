@@ -64,7 +64,7 @@ def states(batches, name):
 
 
 def learn(monkeypatch, heads, actions, frames):
-    settings = {"lanes": 1, "block": frames, "decisions": DecisionSettings(max_steps=5)}
+    settings = {"num_envs": 1, "rollout_steps": frames, "decisions": DecisionSettings(max_steps=5)}
     made, batches = policy(monkeypatch, *heads, **settings)
     made.low_level = ByScript(*actions)
     list(Learning(Corridor(1, 0), HDQNAgent(made, 0), frames))

@@ -25,7 +25,7 @@ from paddlectl.transfer.similarity import map_scenes
 from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, STAY, TASK, TWO, ByScript, Corridor, outcome
 
 NEVER = -np.inf
-SMALL = HybridSettings(lanes=4, block=16, low_level=PPOSettings(epochs=1))
+SMALL = HybridSettings(num_envs=4, rollout_steps=16, low_level=PPOSettings(epochs=1))
 
 # Four scenes; lit() is an atom that the target hasn't.
 LAMP = """
@@ -92,20 +92,20 @@ LETTER = PaperSettings(1.0, "clip", 0.0, "per_guide", 0.0, 0.0)
 """The equations as printed."""
 
 
-def one_of_each(mode, policy, given, lanes=1, seed=0, readings=LETTER):
+def one_of_each(mode, policy, given, num_envs=1, seed=0, readings=LETTER):
     made = candidates(policy, given)
     rng = np.random.default_rng(seed)
     selector = (
-        guides.PaperGuides(policy, made, lanes, rng, readings)
+        guides.PaperGuides(policy, made, num_envs, rng, readings)
         if mode == "paper"
-        else guides.PlannedGuides(policy, made, lanes, rng, GuidanceSettings())
+        else guides.PlannedGuides(policy, made, num_envs, rng, GuidanceSettings())
     )
     selector.refresh()
     return selector
 
 
 def learning(policy, given, selector, seed, frames):
-    environment = policy.task.make(policy.settings.lanes, seed, policy.action_repeat)
+    environment = policy.task.make(policy.settings.num_envs, seed, policy.action_repeat)
     return Learning(environment, PaddleAgent(policy, given, selector, {}, seed, frames), frames)
 
 
@@ -150,7 +150,7 @@ def test_paper_records_the_discounted_return_of_every_decision():
 
 def test_paper_keeps_lanes_apart_and_counts_finished_episodes_only():
     policy = target(settings=HybridSettings(clauses=ClauseSettings(discount=0.5)))
-    selector = one_of_each("paper", policy, sources("1.0 :: gt_end() :- far()"), lanes=2)
+    selector = one_of_each("paper", policy, sources("1.0 :: gt_end() :- far()"), num_envs=2)
     _, head = decide(selector, FAR_SCENE, lane=0)
     decide(selector, FAR_SCENE, lane=1)
     tell(selector, FAR_SCENE, head, 0.3, following=FAR_SCENE, lane=0)
@@ -354,9 +354,9 @@ def test_the_most_similar_source_is_that_of_the_largest_similarity_over_all_scen
 
 def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():
     decisions = DecisionSettings(max_steps=6, patience=0.5)
-    settings = HybridSettings(lanes=2, block=16, decisions=decisions)
+    settings = HybridSettings(num_envs=2, rollout_steps=16, decisions=decisions)
     policy, given = target(settings=settings), sources(WALK, actor=ByScript(STAY))
-    selector = one_of_each("default", policy, given, lanes=2)
+    selector = one_of_each("default", policy, given, num_envs=2)
     for _ in learning(policy, given, selector, 0, 2000):
         pass
     guided, own = [], []
@@ -369,7 +369,7 @@ def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():
 
 @pytest.mark.parametrize("mode", ["paper", "default"])
 def test_the_record_of_what_was_decided(mode):
-    selector = one_of_each(mode, target(), sources(WALK), lanes=2)
+    selector = one_of_each(mode, target(), sources(WALK), num_envs=2)
     guides, heads = selector.select(np.array([0, 1]), np.array([FAR_SCENE, NEAR_SCENE]) * LEVELS)
     tell(selector, FAR_SCENE, heads[0], 0.1, following=NEAR_SCENE, reached=True, lane=0)
     tell(selector, NEAR_SCENE, heads[1], 0.0, lane=1)
@@ -389,7 +389,7 @@ def test_the_record_of_what_was_decided(mode):
 def learn(mode, seed, actor=None, frames=640, watch=lambda selector, given: None):
     policy = target(seed)
     given = sources("1.0 :: gt_end() :- !far()\n1.0 :: gt_end() :- far()", actor=actor)
-    selector = one_of_each(mode, policy, given, lanes=SMALL.lanes, seed=seed)
+    selector = one_of_each(mode, policy, given, num_envs=SMALL.num_envs, seed=seed)
     rounds = []
     for round_ in learning(policy, given, selector, seed, frames):
         rounds.append(round_)
@@ -426,7 +426,7 @@ def test_to_look_at_a_run_changes_nothing(mode):
 @pytest.mark.parametrize("mode", ["paper", "default"])
 def test_who_led_so_far_is_told_in_the_terms_of_every_method(mode):
     policy, given = target(), sources(LAMP, WALK)
-    made = learning(policy, given, one_of_each(mode, policy, given, SMALL.lanes), 0, 512)
+    made = learning(policy, given, one_of_each(mode, policy, given, SMALL.num_envs), 0, 512)
     assert made.agent.reuse() == []
     next(made)
     told, selector = made.agent.reuse(), made.agent.guides
@@ -468,14 +468,14 @@ def test_evaluation_never_plays_the_layouts_that_were_trained_on():
     """Whatever the seeds: a user may well give the same one to `transfer` and `evaluate`."""
     made = []
 
-    def make(lanes, seed, repeat=1, split="training"):
+    def make(num_envs, seed, action_repeat=1, split="training"):
         made.append(split)
-        return Corridor(lanes, 0, repeat)
+        return Corridor(num_envs, 0, action_repeat)
 
     policy = HybridPolicy(replace(TASK, make=make), 0, SMALL)
     made.clear()
     given = sources(WALK)
-    selector = one_of_each("paper", policy, given, lanes=SMALL.lanes)
+    selector = one_of_each("paper", policy, given, num_envs=SMALL.num_envs)
     list(learning(policy, given, selector, 5, 64))
     trained_on = set(made)
     made.clear()

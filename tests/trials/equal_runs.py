@@ -69,7 +69,7 @@ def repeated_runs(count: int, seed: int, folder: Path) -> dict[str, Any]:
 
 def _jobs(seed: int) -> list[Job]:
     """Of every kind, with lanes so few that each is over in seconds."""
-    in_maze = {"lanes": 8, "low_level": {"warm_up": 100}}
+    in_maze = {"num_envs": 8, "low_level": {"warm_up": 100}}
     sources = TrainJob("GapBall", seed, 3072, SMALL), TrainJob("CoffeeMaze", seed, 6400, in_maze)
     ways = (("default", "paddle"), ("paper", "paddle"), ("default", "hdm"))
     return [*sources, *(job(("policy-1", "policy-2"), *way, seed, 3072) for way in ways)]

@@ -29,7 +29,7 @@ KINDS = (
     *sorted(METHODS.keys() - {"paddle", "hdm", "ppo", "td3"}),
 )
 FRAMES, ROUNDS = 3072, 12
-FLAT = {"lanes": 8}
+FLAT = {"num_envs": 8}
 FEWER: dict[str, dict[str, Any]] = {"hdqn": {"meta": {"capacity": 500, "warm_up": 50}}}
 SOURCES = ("BlockedDoor", "GapBall")
 TIME = {"seconds", "created", "finished", "resumes"}
@@ -86,7 +86,7 @@ def begin(kind: str, registry: Registry, checkpointer: Checkpointer, rounds: int
             )
         case ["train", maze]:  # 8 lanes, 8 actions a round, 20 steps an action
             low_level, method = ("learner", "td3") if maze == "td3" else ("low_level", "hdm")
-            changes = {"lanes": 8, low_level: {"warm_up": 100}}
+            changes = {"num_envs": 8, low_level: {"warm_up": 100}}
             frames = rounds * 8 * 8 * 20
             return train_source(
                 TrainJob("CoffeeMaze", 0, frames, changes, method=method), registry, quiet, checkpointer

@@ -22,17 +22,17 @@ class FlatSettings:
 
     Attributes:
         frames: The usual budget.
-        lanes: Environments side by side.
-        block: Steps of every environment between two updates.
-        repeat: Steps of the task that one action lasts.
+        num_envs: Environments side by side.
+        rollout_steps: Steps of every environment between two updates.
+        action_repeat: Steps of the task that one action lasts.
         reward_unit: Rewards are counted in it.
         learner: The update rule's own.
     """
 
     frames: int = FRAMES
-    lanes: int = 64
-    block: int = 32
-    repeat: int = 1
+    num_envs: int = 64
+    rollout_steps: int = 32
+    action_repeat: int = 1
     reward_unit: float = 1.0
     learner: LearnerSettings = field(default_factory=PPOSettings)
 
@@ -51,7 +51,7 @@ class FlatPolicy(Policy):
         environment = task.make(1, 0)
         self.task = task
         self.settings = settings
-        self.action_repeat = settings.repeat
+        self.action_repeat = settings.action_repeat
         self.learner: Learner = settings.learner.learner(
             environment.flat_size, environment.actions.size, seed
         )
@@ -95,13 +95,13 @@ class FlatAgent(Agent):
 
     def __init__(self, policy: FlatPolicy, rng: np.random.Generator) -> None:
         settings, environment = policy.settings, policy.task.make(1, 0)
-        self.rollout_steps = settings.block
+        self.rollout_steps = settings.rollout_steps
         self._policy = policy
         self._rng = rng
         self._t = 0
         actions = environment.actions
         self._buffer = RolloutBuffer.empty(
-            settings.block, settings.lanes, environment.flat_size, actions.shape, actions.dtype
+            settings.rollout_steps, settings.num_envs, environment.flat_size, actions.shape, actions.dtype
         )
 
     def act(self, environment: Environment) -> NDArray[Any]:
@@ -161,7 +161,7 @@ class ReusingAgent(FlatAgent):
         self._recorder = ReuseRecorder(policy.task, (TARGET_NAME, *sources), frames)
         self._now = 0
         self._valuations = np.zeros(
-            (self.rollout_steps, policy.settings.lanes, len(policy.task.vocabulary.atoms)), np.bool_
+            (self.rollout_steps, policy.settings.num_envs, len(policy.task.vocabulary.atoms)), np.bool_
         )
 
     def act(self, environment: Environment) -> NDArray[Any]:

@@ -5,6 +5,9 @@ from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 RENAMED: Mapping[str, str] = {
+    "lanes": "num_envs",
+    "block": "rollout_steps",
+    "repeat": "action_repeat",
     "fading": "similarity_decay",
     "curiosity": "target_floor",
     "least_reached": "drop_below_success",

@@ -142,7 +142,9 @@ def _learned(
     agent = method.make(setup)
     layouts = np.random.SeedSequence(setup.seed).spawn(1)[0]
     settings = setup.settings
-    environment = setup.task.make(settings.lanes, int(layouts.generate_state(1)[0]), settings.repeat)
+    environment = setup.task.make(
+        settings.num_envs, int(layouts.generate_state(1)[0]), settings.action_repeat
+    )
     learning = Learning(environment, agent, setup.frames)
     _keep_documents(registry, run, agent.documents())
     checkpointer.tell_of_rounds(setup.frames, learning.round)

@@ -38,15 +38,15 @@ class HybridAgent:
         settings = learner.settings
         self.learner = learner
         self.selector = selector
-        self.rollout_steps = settings.block
+        self.rollout_steps = settings.rollout_steps
         self.credit = learner.credit()
         self.rollout = Rollout(
-            settings.lanes,
+            settings.num_envs,
             learner.clauses,
             selector,
             actors,
             settings.decisions,
-            learner.buffer(settings.block, settings.lanes),
+            learner.buffer(settings.rollout_steps, settings.num_envs),
             rng,
             [*listeners, self.credit],
         )

@@ -33,17 +33,17 @@ class HybridSettings:
 
     Attributes:
         frames: Of a source's training. PPO's learning rate falls to its end, so there is no stopping early.
-        lanes: Environments side by side.
-        block: Steps of every lane between two updates. Twice as many updates of half the samples cost the
-            same and learn faster.
-        repeat: Steps of the task that one action of the low level lasts.
+        num_envs: Environments side by side.
+        rollout_steps: Steps of every environment between two updates. Twice as many updates of half the
+            samples cost the same and learn faster.
+        action_repeat: Steps of the task that one action of the low level lasts.
         sharpness: Power of the head probabilities when a learned program is played.
     """
 
     frames: int = FRAMES
-    lanes: int = 64
-    block: int = 32
-    repeat: int = 1
+    num_envs: int = 64
+    rollout_steps: int = 32
+    action_repeat: int = 1
     sharpness: float = 3.0
     credit: CreditSettings = field(default_factory=CreditSettings)
     clauses: ClauseSettings = field(default_factory=ClauseSettings)
@@ -86,7 +86,7 @@ class HybridPolicy:
         environment = task.make(1, 0)
         vocabulary = task.vocabulary
         self.task = task
-        self.action_repeat = settings.repeat
+        self.action_repeat = settings.action_repeat
         self._sizes = environment.observation_size, environment.actions.shape, environment.actions.dtype
         self.settings = settings
         self.clauses = ClauseLearner(

@@ -104,7 +104,7 @@ class Rollout:
     """The hybrid decisions of B environments: `agents.base.Player`.
 
     Args:
-        lanes: B.
+        num_envs: B.
         reader: Names the scenes.
         selector: Picks guide and head.
         actors: The low level of each guide; the learning policy's first.
@@ -116,7 +116,7 @@ class Rollout:
 
     def __init__(
         self,
-        lanes: int,
+        num_envs: int,
         reader: SceneReader,
         selector: SubgoalSelector,
         actors: Sequence[Actor],
@@ -133,17 +133,17 @@ class Rollout:
         self._rng = rng
         self._listeners = listeners
         self._t = 0
-        self._head = np.zeros(lanes, np.intp)
-        self._guide = np.zeros(lanes, np.intp)
-        self._since = np.zeros(lanes, np.intp)
-        self._steps = np.zeros(lanes, np.intp)
-        self._limit = np.zeros(lanes, np.intp)
-        self._reward = np.zeros(lanes, np.float32)
-        self._level = np.zeros(lanes, np.intp)
-        self._pending = np.ones(lanes, np.bool_)
-        self._scene = np.zeros(lanes, np.intp)
+        self._head = np.zeros(num_envs, np.intp)
+        self._guide = np.zeros(num_envs, np.intp)
+        self._since = np.zeros(num_envs, np.intp)
+        self._steps = np.zeros(num_envs, np.intp)
+        self._limit = np.zeros(num_envs, np.intp)
+        self._reward = np.zeros(num_envs, np.float32)
+        self._level = np.zeros(num_envs, np.intp)
+        self._pending = np.ones(num_envs, np.bool_)
+        self._scene = np.zeros(num_envs, np.intp)
         self._restarted = True
-        self._passed: list[dict[int, None]] = [{} for _ in range(lanes)]  # as sets
+        self._passed: list[dict[int, None]] = [{} for _ in range(num_envs)]  # as sets
         self._ended: dict[int, tuple[int, ...]] = {}
 
     def act(self, environment: Environment) -> NDArray[Any]:

@@ -212,9 +212,9 @@ class TD3:
             self._imitate(buffer)
             return
         if self.replay is None:
-            lanes, size = buffer.last_observations.shape
+            num_envs, size = buffer.last_observations.shape
             hindsight = Hindsight(s.goal_size, s.radius, s.goal_reward, s.hindsight, s.other_goals, s.span)
-            self.replay = Replay(s.capacity, lanes, size, self.actions, hindsight)
+            self.replay = Replay(s.capacity, num_envs, size, self.actions, hindsight)
         self.replay.add(buffer)
         self._own = float((buffer.guides == TARGET).mean())
         if not self._warm(self.replay):

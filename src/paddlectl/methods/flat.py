@@ -11,9 +11,9 @@ USUAL = {
     "ppo": FlatSettings(learner=PPOSettings()),
     "td3": FlatSettings(
         frames=2_000_000,
-        lanes=32,
-        block=8,
-        repeat=20,
+        num_envs=32,
+        rollout_steps=8,
+        action_repeat=20,
         reward_unit=100.0,
         learner=TD3Settings(
             learning_rate=1e-3, final_rate=0.2, optimiser="adam", update_every=16, tau=0.05,

@@ -35,9 +35,9 @@ class HDQNSettings:
 
     Attributes:
         frames: The usual budget.
-        lanes: Environments side by side.
-        block: Steps of every environment between two updates.
-        repeat: Steps of the task that one action lasts.
+        num_envs: Environments side by side.
+        rollout_steps: Steps of every environment between two updates.
+        action_repeat: Steps of the task that one action lasts.
         meta: The meta-controller's.
         discounts: γ of a decision, by its length.
         low_level: The controller's.
@@ -45,9 +45,9 @@ class HDQNSettings:
     """
 
     frames: int = FRAMES
-    lanes: int = 64
-    block: int = 32
-    repeat: int = 1
+    num_envs: int = 64
+    rollout_steps: int = 32
+    action_repeat: int = 1
     meta: DQNSettings = field(default_factory=partial(DQNSettings, capacity=20_000))  # kept in checkpoints
     discounts: ClauseSettings = field(default_factory=ClauseSettings)
     low_level: LearnerSettings = field(default_factory=PPOSettings)
@@ -72,7 +72,7 @@ class HDQNPolicy:
         environment = task.make(1, 0)
         self.task = task
         self.settings = settings
-        self.action_repeat = settings.repeat
+        self.action_repeat = settings.action_repeat
         self.meta = DQN(environment.flat_size, len(task.heads), seed, settings.meta)
         self.low_level: Learner = settings.low_level.learner(
             environment.observation_size, environment.actions.size, seed
@@ -127,7 +127,7 @@ class MetaController:
 
     Args:
         policy: Whose Q.
-        lanes: B.
+        num_envs: B.
         rng: Of its draws.
         learns: Whether it explores, and keeps what it sees.
 
@@ -136,13 +136,13 @@ class MetaController:
     """
 
     def __init__(
-        self, policy: HDQNPolicy, lanes: int, rng: np.random.Generator, *, learns: bool = True
+        self, policy: HDQNPolicy, num_envs: int, rng: np.random.Generator, *, learns: bool = True
     ) -> None:
         self.learns = learns
-        self.state: Floats = np.zeros((lanes, 0), np.float32)
+        self.state: Floats = np.zeros((num_envs, 0), np.float32)
         self._policy = policy
         self._rng = rng
-        self._began: list[Floats | None] = [None] * lanes
+        self._began: list[Floats | None] = [None] * num_envs
         self._domain_head = domain_heads(policy.task)
         self._own_head = task_heads(policy.task)
 
@@ -202,11 +202,13 @@ class HDQNAgent(HDQNPlayer):
         settings = policy.settings
         layouts, choices = np.random.SeedSequence(seed).spawn(2)
         actions = np.random.default_rng(layouts.spawn(1)[0])
-        selector = MetaController(policy, settings.lanes, np.random.default_rng(choices))
-        self.rollout_steps = settings.block
+        selector = MetaController(policy, settings.num_envs, np.random.default_rng(choices))
+        self.rollout_steps = settings.rollout_steps
         self._policy = policy
         super().__init__(
-            policy.rollout(policy.task, settings.lanes, selector, policy.low_level, settings.block, actions),
+            policy.rollout(
+                policy.task, settings.num_envs, selector, policy.low_level, settings.rollout_steps, actions
+            ),
             selector,
         )
 
@@ -247,9 +249,9 @@ def _usual(task: Task) -> HDQNSettings:
     hybrid = settings_for(task)
     return HDQNSettings(
         hybrid.frames,
-        hybrid.lanes,
-        hybrid.block,
-        hybrid.repeat,
+        hybrid.num_envs,
+        hybrid.rollout_steps,
+        hybrid.action_repeat,
         discounts=hybrid.clauses,
         low_level=hybrid.low_level,
         decisions=hybrid.decisions,

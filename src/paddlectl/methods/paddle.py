@@ -108,15 +108,15 @@ def make(setup: Setup) -> PaddleAgent:
     target = HybridPolicy(setup.task, setup.seed, setup.settings)
     sources = [_guide(source) for source in setup.sources]
     mapping, document = _mapping(target, sources, scenario.similarity)
-    lanes, sharpness = target.settings.lanes, target.settings.sharpness
+    num_envs, sharpness = target.settings.num_envs, target.settings.sharpness
     readings = scenario.guidance.readings()
     softness = readings.source_softness if readings else 0.0
     candidates = candidates_of(target.task, target.clauses.bodies, sources, mapping, sharpness, softness)
     rng = np.random.default_rng(setup.seed)
     if readings:
-        selector: guides.GuideSelector = guides.PaperGuides(target, candidates, lanes, rng, readings)
+        selector: guides.GuideSelector = guides.PaperGuides(target, candidates, num_envs, rng, readings)
     else:
-        selector = guides.PlannedGuides(target, candidates, lanes, rng, setup.rules)
+        selector = guides.PlannedGuides(target, candidates, num_envs, rng, setup.rules)
         _warm_start(target, sources, mapping, setup.rules.inheritance)
     return PaddleAgent(target, sources, selector, document, setup.seed, setup.frames)
 
@@ -155,8 +155,8 @@ def _settings(task: Task, scenario: Scenario, *changes: Mapping[str, Any]) -> Hy
         return settings_for(task, task.presets.get(GUIDED, {}), *changes)
     usual = settings_for(task)
     as_in_paper = {
-        "lanes": readings.lanes,
-        "block": max(1, usual.lanes * usual.block // readings.lanes),
+        "num_envs": readings.lanes,
+        "rollout_steps": max(1, usual.num_envs * usual.rollout_steps // readings.lanes),
         "decisions": {"patience": 1.0},
         "credit": {"imitation_margin": readings.imitation_margin},
     }

@@ -28,7 +28,7 @@ from paddlectl.methods.base import Method, Setup
 from paddlectl.tasks.base import Environment, Floats, Ints, Task
 
 USUAL: Mapping[str, FlatSettings] = {
-    "discrete": FlatSettings(block=16, learner=StepDQNSettings()),
+    "discrete": FlatSettings(rollout_steps=16, learner=StepDQNSettings()),
     "continuous": changed(flat.USUAL["td3"], {"learner": {"capacity": 100_000}}),
 }
 

@@ -71,7 +71,7 @@ class GuideSelector:
     """
 
     def __init__(
-        self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator
+        self, target: HybridPolicy, candidates: Candidates, num_envs: int, rng: np.random.Generator
     ) -> None:
         scenes = len(target.clauses.bodies)
         self.target = target
@@ -80,8 +80,8 @@ class GuideSelector:
         self.traces: list[list[TracedDecision]] = []
         self._rng = rng
         self._own_heads = domain_heads(target.task)
-        self._present: list[TracedDecision | None] = [None] * lanes
-        self._episode: list[list[TracedDecision]] = [[] for _ in range(lanes)]
+        self._present: list[TracedDecision | None] = [None] * num_envs
+        self._episode: list[list[TracedDecision]] = [[] for _ in range(num_envs)]
         self.clear()
 
     def clear(self) -> None:
@@ -225,17 +225,17 @@ class PaperGuides(GuideSelector):
         self,
         target: HybridPolicy,
         candidates: Candidates,
-        lanes: int,
+        num_envs: int,
         rng: np.random.Generator,
         settings: PaperSettings,
     ) -> None:
-        super().__init__(target, candidates, lanes, rng)
+        super().__init__(target, candidates, num_envs, rng)
         scenes, heads = candidates.similarity.shape[0], candidates.heads.shape[1]
         self.readings = settings
         self._per_subgoal = settings.values == "per_subgoal"
         columns = heads if self._per_subgoal else self.shape[1]
         self._returns = MeanReturns((scenes, columns), settings.initial_performance)
-        self._rewards: list[list[float]] = [[] for _ in range(lanes)]
+        self._rewards: list[list[float]] = [[] for _ in range(num_envs)]
 
     def weigh(self) -> Weighing:
         """ψ + Φ, the same at every level of progress. [R, C] each"""
@@ -282,11 +282,11 @@ class PlannedGuides(GuideSelector):
         self,
         target: HybridPolicy,
         candidates: Candidates,
-        lanes: int,
+        num_envs: int,
         rng: np.random.Generator,
         settings: GuidanceSettings,
     ) -> None:
-        super().__init__(target, candidates, lanes, rng)
+        super().__init__(target, candidates, num_envs, rng)
         self.rules = settings
         memory = np.where(candidates.guides == TARGET, settings.target_memory, settings.source_memory)
         self._clauses = target.settings.clauses
@@ -298,11 +298,11 @@ class PlannedGuides(GuideSelector):
         self._known = np.where(np.isfinite(self._similarity), self._similarity, 0.0)
         self._leading_head = candidates.heads.argmax(-1)
         guides_and_heads = int(candidates.guides.max()) + 1, candidates.heads.shape[1]
-        self._repeats = np.zeros((lanes, self.shape[0], *guides_and_heads), np.float32)
-        self._forced = np.zeros(lanes, np.bool_)
+        self._repeats = np.zeros((num_envs, self.shape[0], *guides_and_heads), np.float32)
+        self._forced = np.zeros(num_envs, np.bool_)
         novel = task_heads(target.task) >= 0
         novel &= ~candidates.heads[1:].any(0)
-        self._exploration = NovelSubgoalExploration(novel, self.shape[0] // LEVELS, lanes, settings, rng)
+        self._exploration = NovelSubgoalExploration(novel, self.shape[0] // LEVELS, num_envs, settings, rng)
 
     def weigh(self) -> Weighing:
         """ψ faded into the planned Φ; the target by merit, or by its floor. [R, C] each"""

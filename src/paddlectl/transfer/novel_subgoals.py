@@ -16,20 +16,20 @@ class NovelSubgoalExploration:
     Args:
         novel: Heads that no source's program has. [domain's H]
         scenes: S, how many.
-        lanes: B, how many.
+        num_envs: B, how many.
         rules: Rate, trials and least share.
         rng: Of the draws.
     """
 
     def __init__(
-        self, novel: Bools, scenes: int, lanes: int, rules: GuidanceSettings, rng: np.random.Generator
+        self, novel: Bools, scenes: int, num_envs: int, rules: GuidanceSettings, rng: np.random.Generator
     ) -> None:
         self._novel = novel
         self._rules = rules
         self._rng = rng
         self._tried = np.zeros((scenes, len(novel)), np.intp)
         self._hits = np.zeros((scenes, len(novel)), np.intp)
-        self._done = np.zeros(lanes, np.bool_)
+        self._done = np.zeros(num_envs, np.bool_)
 
     def heads(self, lanes: Ints, scenes: Ints) -> Ints:
         """The head to explore in each lane, -1 for none. [n]"""

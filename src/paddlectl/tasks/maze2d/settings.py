@@ -36,9 +36,9 @@ _TABLE_1 = {name: values[0] for name, values in DEVIATIONS.items()}
 _LOW_LEVEL = {name: values[1] for name, values in DEVIATIONS.items()}
 
 USUAL: Mapping[str, Any] = {
-    "lanes": 32,
-    "block": 8,
-    "repeat": 20,
+    "num_envs": 32,
+    "rollout_steps": 8,
+    "action_repeat": 20,
     "decisions": {
         "max_steps": 500,
         "patience": 0.7,
@@ -64,11 +64,11 @@ dozen actions long and each of them makes a difference.
 """
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    "paper": {"repeat": 1, "low_level": _TABLE_1},
+    "paper": {"action_repeat": 1, "low_level": _TABLE_1},
     GUIDED: {
-        "lanes": 1,
-        "block": 256,
-        "repeat": 5,
+        "num_envs": 1,
+        "rollout_steps": 256,
+        "action_repeat": 5,
         "decisions": {"reward_unit": 60.0},
         "clauses": {"step_discount": 0.998},
         "credit": {"imitation_margin": 0.02},
