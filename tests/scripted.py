@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from paddlectl.agents.interaction import Learning
-from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, Outcome
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.atoms import Predicate
 from paddlectl.methods.base import Method, Setup
@@ -133,13 +133,13 @@ class Teller:
         self._heads = list(heads)
         self._guides = guides
         self.asked: list[list[tuple[int, int]]] = []
-        self.levels: list[list[int]] = []
+        self.progress: list[list[int]] = []
         self.told: list = []
 
-    def select(self, lanes, situations):
-        scenes, levels = divmod(situations, LEVELS)
+    def select(self, lanes, scene_states):
+        scenes, progress = divmod(scene_states, PROGRESS)
         self.asked.append(list(zip(lanes.tolist(), scenes.tolist(), strict=True)))
-        self.levels.append(levels.tolist())
+        self.progress.append(progress.tolist())
         head = self._heads[min(len(self.asked), len(self._heads)) - 1]
         guides = np.array([self._guides[lane % len(self._guides)] for lane in lanes])
         return guides, np.full(len(lanes), head)
@@ -154,11 +154,11 @@ def learning(method: Method, setup: Setup) -> Learning:
     return Learning(environment, method.make(setup), setup.frames)
 
 
-def outcome(situation, head, reward=0.0, following=None, reached=False, lane=0):
+def outcome(scene_state, head, reward=0.0, following=None, reached=False, lane=0):
     """One decision of three steps that ended; the task is solved if no scene follows."""
     columns = {
         "lanes": lane,
-        "situations": situation,
+        "scene_states": scene_state,
         "heads": head,
         "guides": 0,
         "steps": 3,
@@ -167,7 +167,7 @@ def outcome(situation, head, reward=0.0, following=None, reached=False, lane=0):
         "cut": False,
         "terminated": following is None,
         "truncated": False,
-        "next_situations": 0 if following is None else following * LEVELS,
+        "next_scene_states": 0 if following is None else following * PROGRESS,
     }
     return Outcome(**{name: np.array([value]) for name, value in columns.items()})
 

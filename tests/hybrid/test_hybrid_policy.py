@@ -13,7 +13,7 @@ from paddlectl.hybrid.policy import (
     sharpened,
     task_heads,
 )
-from paddlectl.hybrid.rollout import LEVELS
+from paddlectl.hybrid.rollout import PROGRESS
 from paddlectl.logic.atoms import Literal
 from paddlectl.logic.clauses import Clause
 from scripted import END, FAR, FAR_SCENE, GT_END, GT_MOON, GT_TWO, MOON, NEAR_SCENE, TASK, TWO
@@ -63,14 +63,14 @@ def test_heads_are_numbered_by_the_domain():
 
 def test_heads_are_played_as_often_as_the_program_says(policy):
     selector = ProgramSelector(policy, np.random.default_rng(0))
-    guides, heads = selector.select(np.arange(20_000), np.full(20_000, FAR_SCENE * LEVELS + 2))
+    guides, heads = selector.select(np.arange(20_000), np.full(20_000, FAR_SCENE * PROGRESS + 2))
     assert not guides.any()
     assert np.bincount(heads, minlength=4) / 20_000 == pytest.approx([0.0, 0.1, 0.8, 0.1], abs=0.01)
 
 
 def test_a_sharpened_program_is_played_crisper(policy):
     selector = ProgramSelector(policy, np.random.default_rng(0), sharpness=3.0)
-    _, heads = selector.select(np.arange(20_000), np.full(20_000, FAR_SCENE * LEVELS + 2))
+    _, heads = selector.select(np.arange(20_000), np.full(20_000, FAR_SCENE * PROGRESS + 2))
     assert (heads == END).mean() == pytest.approx(0.512 / 0.514, abs=0.003)
 
 

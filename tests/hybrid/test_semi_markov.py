@@ -8,13 +8,13 @@ from paddlectl.hybrid.semi_markov import SemiMarkovModel
 
 def counted(decisions, shape, discount=0.5, memory=1e12):
     model = SemiMarkovModel(*shape, memory)
-    for situation, option, reward, following in decisions:
-        model.record(situation, option, reward, following, discount)
+    for scene_state, option, reward, following in decisions:
+        model.record(scene_state, option, reward, following, discount)
     return model
 
 
 def planned(decisions, shape, discount=0.5, memory=1e12, sweeps=400):
-    """The return of each option when the best of every situation is taken from then on.
+    """The return of each option when the best of every scene state is taken from then on.
 
     The discount is of the whole decision, so what the decision itself earned is discounted too.
     """
@@ -88,6 +88,6 @@ def test_options_have_memories_of_their_own():
 
 def test_the_prior_draws_an_option_towards_its_situation():
     model = counted([(0, 0, 0.6, None)], (1, 2), 1.0)
-    # (0.6 + 2·0.3)/(1 + 2); without decisions the situation's own value
+    # (0.6 + 2·0.3)/(1 + 2); without decisions the scene state's own value
     assert model.returns(np.array([0.3]), prior=2.0)[0] == pytest.approx([0.4, 0.3])
     assert model.returns(np.array([0.3]))[0] == pytest.approx([0.6, 0.0])

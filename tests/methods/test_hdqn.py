@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from paddlectl.agents.interaction import Learning
-from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, DecisionSettings, Outcome
 from paddlectl.learners.clauses import ClauseSettings
 from paddlectl.methods.hdqn import HDQNAgent, HDQNPolicy, HDQNSettings, MetaController
 from scripted import END, HORIZON, RIGHT, STAY, TASK, TWO, ByScript, Corridor
@@ -36,7 +36,7 @@ def test_a_batch_of_three_lanes_of_four(monkeypatch):
     meta.on_decision_end(
         Outcome(
             lanes=np.array([0, 2, 3]),
-            situations=np.zeros(3, np.intp),
+            scene_states=np.zeros(3, np.intp),
             heads=np.array([END, TWO, END]),
             guides=np.zeros(3, np.intp),
             steps=np.array([1, 2, 1]),
@@ -45,7 +45,7 @@ def test_a_batch_of_three_lanes_of_four(monkeypatch):
             cut=np.array([False, False, True]),
             terminated=np.array([False, True, False]),
             truncated=np.array([False, False, True]),
-            next_situations=np.full(3, LEVELS),
+            next_scene_states=np.full(3, PROGRESS),
         )
     )
     (batch,) = batches

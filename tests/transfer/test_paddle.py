@@ -10,7 +10,7 @@ import torch
 from paddlectl.agents.evaluation import evaluate
 from paddlectl.agents.interaction import Learning
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
-from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, DecisionSettings, Outcome
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseSettings
 from paddlectl.learners.ppo import PPO, PPOSettings
@@ -110,13 +110,13 @@ def learning(policy, given, selector, seed, frames):
 
 
 def decide(selector, scene, lane=0):
-    guides, heads = selector.select(np.array([lane]), np.array([scene * LEVELS]))
+    guides, heads = selector.select(np.array([lane]), np.array([scene * PROGRESS]))
     return int(guides[0]), int(heads[0])
 
 
 def tell(selector, scene, head, reward, following=None, reached=False, lane=0):
     """What came of the lane's decision; the episode is over if nothing follows."""
-    selector.on_decision_end(outcome(scene * LEVELS, head, reward, following, reached, lane))
+    selector.on_decision_end(outcome(scene * PROGRESS, head, reward, following, reached, lane))
 
 
 def play(selector, steps, lane=0):
@@ -142,7 +142,7 @@ def test_paper_records_the_discounted_return_of_every_decision():
     # near: the mean of 0.3 and 0.8; far: 0.6; candidate 1 is its near scene, 2 the far one
     expected = np.ones((2, 3))
     expected[NEAR_SCENE, 1], expected[FAR_SCENE, 2] = 0.55, 0.6
-    assert after.performance == pytest.approx(np.repeat(expected, LEVELS, axis=0))
+    assert after.performance == pytest.approx(np.repeat(expected, PROGRESS, axis=0))
     finite = np.isfinite(after.similarity)
     assert after.weight[finite] == pytest.approx((after.similarity + after.performance)[finite])
     assert (after.weight[~finite] == NEVER).all()
@@ -154,13 +154,13 @@ def test_paper_keeps_lanes_apart_and_counts_finished_episodes_only():
     _, head = decide(selector, FAR_SCENE, lane=0)
     decide(selector, FAR_SCENE, lane=1)
     tell(selector, FAR_SCENE, head, 0.3, following=FAR_SCENE, lane=0)
-    assert selector.weigh().performance[FAR_SCENE * LEVELS, 1] == 1.0
+    assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == 1.0
     tell(selector, FAR_SCENE, head, 0.5, lane=1)
-    assert selector.weigh().performance[FAR_SCENE * LEVELS, 1] == pytest.approx(0.5)
+    assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == pytest.approx(0.5)
     assert decide(selector, FAR_SCENE, lane=0)[0] == TARGET
     tell(selector, FAR_SCENE, head, 0.1, lane=0)
     # the target: 0.1; the source: the mean of 0.5 and 0.3 + 0.5·0.1
-    assert selector.weigh().performance[FAR_SCENE * LEVELS] == pytest.approx([0.1, 0.425])
+    assert selector.weigh().performance[FAR_SCENE * PROGRESS] == pytest.approx([0.1, 0.425])
 
 
 def test_paper_keeps_values_of_subgoals_from_first_visits_and_failures_cost():
@@ -173,7 +173,7 @@ def test_paper_keeps_values_of_subgoals_from_first_visits_and_failures_cost():
         "paper", policy, given, readings=PaperSettings(failure_cost=0.1, source_softness=0.0)
     )
     assert play(selector, [(NEAR_SCENE, 0.0), (FAR_SCENE, 0.2), (NEAR_SCENE, 0.8)]) == [1, 1, 1]
-    found = selector.weigh().performance[[NEAR_SCENE * LEVELS, FAR_SCENE * LEVELS]]
+    found = selector.weigh().performance[[NEAR_SCENE * PROGRESS, FAR_SCENE * PROGRESS]]
     # the target picks each of three subgoals alike; candidate 1 always gt_two, 2 always gt_end
     assert found == pytest.approx(np.array([[0.125 / 3, 0.125, 0.0], [0.45 / 3, 0.0, 0.45]]))
 
@@ -183,7 +183,7 @@ def test_negative_returns_show_unless_they_are_clipped():
         readings = PaperSettings(0.0, normalise, 0.1, "per_guide", 0.0)
         selector = one_of_each("paper", target(), sources(WALK), readings=readings)
         assert play(selector, [(FAR_SCENE, 0.0)]) == [1]
-        assert selector.weigh().performance[FAR_SCENE * LEVELS, 1] == pytest.approx(shown)
+        assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == pytest.approx(shown)
         # a source that failed makes way for a target that was never asked, or it doesn't
         assert play(selector, [(FAR_SCENE, 0.0)]) == [TARGET if normalise == "none" else 1]
 
@@ -192,15 +192,15 @@ def test_a_decision_that_the_horizon_cut_off_costs_nothing_and_counts_as_no_miss
     for mode in ("paper", "default"):
         selector = one_of_each(mode, target(), sources(WALK), readings=PaperSettings(failure_cost=0.1))
         _, head = decide(selector, FAR_SCENE)
-        ended = dict(lanes=0, situations=FAR_SCENE * LEVELS, heads=head, guides=1, steps=3)
+        ended = dict(lanes=0, scene_states=FAR_SCENE * PROGRESS, heads=head, guides=1, steps=3)
         ended |= dict(rewards=0.0, reached=False, cut=True, terminated=False, truncated=True)
         columns = {name: np.array([value]) for name, value in ended.items()}
-        selector.on_decision_end(Outcome(**columns, next_situations=np.array([FAR_SCENE * LEVELS])))
+        selector.on_decision_end(Outcome(**columns, next_scene_states=np.array([FAR_SCENE * PROGRESS])))
         assert len(selector.traces) == 1
         assert selector.traces[0][0].cut
         assert (selector.chosen.sum(), selector.reached.sum(), selector.cut.sum()) == (1, 0, 1)
         if mode == "paper":
-            assert selector.weigh().performance[FAR_SCENE * LEVELS, 1] == 0.0
+            assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == 0.0
         else:
             assert selector._tried.sum() == 0
 
@@ -234,7 +234,9 @@ def test_the_exploration_bonus_of_the_target_is_its_own_entropy():
     play(selector, [(FAR_SCENE, 0.4)])
     assert play(selector, [(FAR_SCENE, -0.04)]) == [TARGET]
     # -0.04 + 0.04·ln 3
-    assert selector.weigh().performance[FAR_SCENE * LEVELS, TARGET] == pytest.approx(0.04 * (math.log(3) - 1))
+    assert selector.weigh().performance[FAR_SCENE * PROGRESS, TARGET] == pytest.approx(
+        0.04 * (math.log(3) - 1)
+    )
 
 
 def last_guides(selector, worth, scene=FAR_SCENE, episodes=150, last=50):
@@ -370,16 +372,16 @@ def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():
 @pytest.mark.parametrize("mode", ["paper", "default"])
 def test_the_record_of_what_was_decided(mode):
     selector = one_of_each(mode, target(), sources(WALK), num_envs=2)
-    guides, heads = selector.select(np.array([0, 1]), np.array([FAR_SCENE, NEAR_SCENE]) * LEVELS)
+    guides, heads = selector.select(np.array([0, 1]), np.array([FAR_SCENE, NEAR_SCENE]) * PROGRESS)
     tell(selector, FAR_SCENE, heads[0], 0.1, following=NEAR_SCENE, reached=True, lane=0)
     tell(selector, NEAR_SCENE, heads[1], 0.0, lane=1)
     guide, head = decide(selector, NEAR_SCENE, lane=0)
     tell(selector, NEAR_SCENE, head, 0.0, lane=0)
     short, long = selector.traces
-    assert [(d.situation // LEVELS, d.head, d.reached, d.steps) for d in short] == [
+    assert [(d.scene_state // PROGRESS, d.head, d.reached, d.steps) for d in short] == [
         (NEAR_SCENE, heads[1], False, 3)
     ]
-    assert [(d.situation // LEVELS, d.reached) for d in long] == [(FAR_SCENE, True), (NEAR_SCENE, False)]
+    assert [(d.scene_state // PROGRESS, d.reached) for d in long] == [(FAR_SCENE, True), (NEAR_SCENE, False)]
     assert [selector.candidates.guides[d.candidate] for d in long] == [guides[0], guide]
     assert (selector.decisions.sum(), selector.chosen.sum(), selector.reached.sum()) == (3, 3, 1)
     selector.clear()

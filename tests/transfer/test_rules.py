@@ -1,4 +1,4 @@
-"""The rule that each decision is recorded with, in situations made for each of them."""
+"""The rule that each decision is recorded with, in scenes made for each of them."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
-from paddlectl.hybrid.rollout import LEVELS
+from paddlectl.hybrid.rollout import PROGRESS
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
@@ -52,14 +52,14 @@ def made(kind, programs):
 
 def decide(selector, scene=FAR_SCENE):
     """The guide, and the rule that it's recorded with."""
-    led, _ = selector.select(np.array([0]), np.array([scene * LEVELS]))
+    led, _ = selector.select(np.array([0]), np.array([scene * PROGRESS]))
     return int(led[0]), selector._present[0].rule
 
 
 def tell(selector, reward=0.0, following=None, reached=False):
     """What came of that decision; the episode is over if nothing follows."""
     present = selector._present[0]
-    selector.on_decision_end(outcome(present.situation, present.head, reward, following, reached))
+    selector.on_decision_end(outcome(present.scene_state, present.head, reward, following, reached))
 
 
 def play(selector, count, worth=(0.0, 0.0, 0.0)):
@@ -114,7 +114,7 @@ def test_the_next_best_leads_as_the_best_was_in_vain_before():
     play(selector, 30, (0.0, 0.9, 0.8))
     assert decide(selector) == (1, "largest")
     tell(selector, 0.0, following=FAR_SCENE)
-    assert selector.weigh().weight[FAR_SCENE * LEVELS].argmax() == 1
+    assert selector.weigh().weight[FAR_SCENE * PROGRESS].argmax() == 1
     assert decide(selector) == (2, "penalty")
     assert selector._present[0].weights.argmax() == 2
 
@@ -149,15 +149,15 @@ def test_a_dropped_source_does_not_lead_however_much_it_earns():
     for _ in range(30):
         decide(selector)
         tell(selector, 2.0)
-    assert selector.dropped()[FAR_SCENE * LEVELS, 1]
-    assert selector.weigh().weight[FAR_SCENE * LEVELS].argmax() == TARGET
+    assert selector.dropped()[FAR_SCENE * PROGRESS, 1]
+    assert selector.weigh().weight[FAR_SCENE * PROGRESS].argmax() == TARGET
 
 
 def test_two_scenes_of_one_source_are_no_tie():
     """Both scenes have the target's only subgoals there, and lead to the same."""
     selector = paper("0.6 :: gt_end() :- !far(), lit()\n0.6 :: gt_end() :- !far(), !lit()")
     selector._returns.mean[NEAR_SCENE, [END, TWO]] = 0.5, 0.0
-    weights = selector.weigh().weight[NEAR_SCENE * LEVELS]
+    weights = selector.weigh().weight[NEAR_SCENE * PROGRESS]
     assert weights[1] == weights[2] > weights[TARGET]
     assert decide(selector, NEAR_SCENE) == (1, "largest")
 
@@ -219,7 +219,7 @@ def test_traces_and_counts_keep_the_rules():
     decide(selector)
     tell(selector, 0.1, reached=True)
     assert [decision.rule for decision in selector.traces[0]] == ["trial", "largest"]
-    counted = selector.chosen[FAR_SCENE * LEVELS]
+    counted = selector.chosen[FAR_SCENE * PROGRESS]
     assert counted[TARGET, RULES.index("trial")] == counted[1, RULES.index("largest")] == 1
     assert selector.chosen.sum() == selector.decisions.sum() == 2
 

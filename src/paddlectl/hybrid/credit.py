@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, Outcome
 from paddlectl.hybrid.semi_markov import SemiMarkovModel, Table
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseLearner
@@ -62,39 +62,39 @@ class ModelBasedCredit:
     """
 
     def __init__(self, clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> None:
-        situations = len(clauses.bodies) * LEVELS
+        scene_states = len(clauses.bodies) * PROGRESS
         self._clauses = clauses
         self._head_of = head_of
         self._settings = settings
-        self._model = SemiMarkovModel(situations, len(clauses.heads), settings.memory)
-        self._values = np.zeros(situations)
-        self._visits = np.zeros(situations)
-        self._guided = np.zeros((situations, len(clauses.heads)))
+        self._model = SemiMarkovModel(scene_states, len(clauses.heads), settings.memory)
+        self._values = np.zeros(scene_states)
+        self._visits = np.zeros(scene_states)
+        self._guided = np.zeros((scene_states, len(clauses.heads)))
 
     def on_decision_end(self, outcome: Outcome) -> None:
         """Counts the decisions for the heads that the clauses know."""
         discounts = self._clauses.settings.discounts(outcome.steps)
         taught = (outcome.guides != TARGET) & outcome.reached
-        for situation, head, guided, discount, reward, terminated, following in zip(
-            outcome.situations,
+        for scene_state, head, guided, discount, reward, terminated, following in zip(
+            outcome.scene_states,
             self._head_of[outcome.heads],
             taught,
             discounts,
             outcome.rewards,
             outcome.terminated,
-            outcome.next_situations,
+            outcome.next_scene_states,
             strict=True,
         ):
             if head >= 0:
-                self._visits[situation] += 1
-                self._guided[situation, head] += guided
-                self._model.record(situation, head, reward, None if terminated else following, discount)
+                self._visits[scene_state] += 1
+                self._guided[scene_state, head] += guided
+                self._model.record(scene_state, head, reward, None if terminated else following, discount)
 
     def update(self) -> None:
         """Evaluates the present program in the model, then makes an expected update by its advantages."""
         if not self._visits.any():
             return
-        policy = np.repeat(self._clauses.probabilities(), LEVELS, axis=0)
+        policy = np.repeat(self._clauses.probabilities(), PROGRESS, axis=0)
         for _ in range(self._settings.sweeps):
             returns = self._model.returns(self._values, self._settings.prior)
             self._values = (policy * returns).sum(-1)
@@ -112,7 +112,7 @@ class ModelBasedCredit:
 
     def _by_scene(self, table: Table) -> Table:
         """Summed over the levels of progress. [R, …] -> [S, …]"""
-        by_scene: Table = table.reshape(len(self._clauses.bodies), LEVELS, *table.shape[1:]).sum(1)
+        by_scene: Table = table.reshape(len(self._clauses.bodies), PROGRESS, *table.shape[1:]).sum(1)
         return by_scene
 
 
@@ -143,7 +143,7 @@ class MonteCarloCredit:
         imitate = (outcome.guides != TARGET) & outcome.reached
         columns = (
             outcome.lanes,
-            outcome.situations // LEVELS,
+            outcome.scene_states // PROGRESS,
             outcome.heads,
             outcome.rewards,
             imitate,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from paddlectl.agents.settings import changed, restored
 from paddlectl.hybrid.credit import Credit, CreditSettings, credit
-from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Rollout
+from paddlectl.hybrid.rollout import PROGRESS, DecisionSettings, Rollout
 from paddlectl.learners.base import Learner, LearnerSettings
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.learners.clauses import ClauseLearner, ClauseSettings
@@ -196,9 +196,9 @@ class ProgramSelector:
         """Reads the clause weights anew, after an update."""
         self._probabilities = sharpened(self._policy.clauses.probabilities(), self._sharpness)
 
-    def select(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
         """Its own guide, and a head sampled in each scene. [n], [n]"""
-        heads = sample_rows(self._probabilities[situations // LEVELS], self._rng)
+        heads = sample_rows(self._probabilities[scene_states // PROGRESS], self._rng)
         return np.full(len(lanes), TARGET), self._domain_head[heads]
 
 

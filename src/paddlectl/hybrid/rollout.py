@@ -16,10 +16,10 @@ from paddlectl.learners.base import Actor
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.tasks.base import Bools, Environment, Floats, Ints, Step
 
-LEVELS = 6
+PROGRESS = 6
 """Levels of progress that are told apart within a scene.
 
-A situation is a scene and how many of the episode's decisions were paid: situation = scene * LEVELS + level.
+A scene state is a scene and how many of the episode's decisions were paid: scene * PROGRESS + progress.
 Milestones pay once an episode; a key that is put down and picked up again would else seem to pay again.
 """
 
@@ -50,17 +50,17 @@ class Outcome(NamedTuple):
     """Decisions that ended in one step, one a lane. Each field is [n].
 
     Attributes:
-        situations: Where it was taken.
+        scene_states: Where it was taken.
         rewards: Extrinsic reward within the decision.
         cut: It ended for no other reason than the horizon: whether it would have reached its subgoal isn't
             known.
         terminated: The task was solved with it: nothing is to come.
         truncated: The episode ended unsolved with it, at the horizon.
-        next_situations: Where it led.
+        next_scene_states: Where it led.
     """
 
     lanes: Ints
-    situations: Ints
+    scene_states: Ints
     heads: Ints
     guides: Ints
     steps: Ints
@@ -69,7 +69,7 @@ class Outcome(NamedTuple):
     cut: Bools
     terminated: Bools
     truncated: Bools
-    next_situations: Ints
+    next_scene_states: Ints
 
     @property
     def done(self) -> Bools:
@@ -83,7 +83,7 @@ class SubgoalSelector(Protocol):
     def refresh(self) -> None:
         """Reads the learning policy's clause weights anew; called before each block."""
 
-    def select(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
         """The guide and the head, as an index into the domain's heads, for each lane. [n], [n]"""
 
 
@@ -139,7 +139,7 @@ class Rollout:
         self._steps = np.zeros(num_envs, np.intp)
         self._limit = np.zeros(num_envs, np.intp)
         self._reward = np.zeros(num_envs, np.float32)
-        self._level = np.zeros(num_envs, np.intp)
+        self._progress = np.zeros(num_envs, np.intp)
         self._pending = np.ones(num_envs, np.bool_)
         self._scene = np.zeros(num_envs, np.intp)
         self._restarted = True
@@ -197,7 +197,7 @@ class Rollout:
         if not len(lanes):
             return
         self._guide[lanes], self._head[lanes] = self._selector.select(
-            lanes, self._scene[lanes] * LEVELS + self._level[lanes]
+            lanes, self._scene[lanes] * PROGRESS + self._progress[lanes]
         )
         most = self._settings.max_steps
         patience = np.where(self._guide == TARGET, most, int(self._settings.patience * most))
@@ -219,11 +219,11 @@ class Rollout:
         if not len(lanes):
             return
         scenes, rewards = self._scene[lanes], self._reward[lanes]
-        level = self._level[lanes]
-        self._level[lanes] = np.minimum(level + (rewards > 0), LEVELS - 1)
+        progress = self._progress[lanes]
+        self._progress[lanes] = np.minimum(progress + (rewards > 0), PROGRESS - 1)
         outcome = Outcome(
             lanes,
-            scenes * LEVELS + level,
+            scenes * PROGRESS + progress,
             self._head[lanes],
             self._guide[lanes],
             self._steps[lanes],
@@ -232,7 +232,7 @@ class Rollout:
             cut[lanes],
             step.terminated[lanes],
             step.truncated[lanes],
-            next_scenes[lanes] * LEVELS + self._level[lanes],
+            next_scenes[lanes] * PROGRESS + self._progress[lanes],
         )
         for lane, scene in zip(lanes.tolist(), scenes.tolist(), strict=True):
             self._passed[lane][scene] = None
@@ -243,6 +243,6 @@ class Rollout:
         """The lanes' episodes are over."""
         self._restarted = len(lanes) > 0
         self._ended = {lane: tuple(sorted(self._passed[lane])) for lane in lanes.tolist()}
-        self._level[lanes] = 0
+        self._progress[lanes] = 0
         for lane in self._ended:
             self._passed[lane] = {}

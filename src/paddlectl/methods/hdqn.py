@@ -149,7 +149,7 @@ class MetaController:
     def refresh(self) -> None:
         """Nothing: Q is read anew at each choice."""
 
-    def select(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
         """Its own controller, and a subgoal for each lane. [n], [n]"""
         states = self.state[lanes]
         for lane, state in zip(lanes, states, strict=True):

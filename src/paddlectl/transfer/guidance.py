@@ -73,7 +73,7 @@ class GuidanceSettings:
         target_floor: Λ of the target is at least this. Where no source gains anything more than this,
             the target explores, at once, and only there.
         drop_below_success: A source that reached its subgoal in less than this share of its decisions in a
-            situation isn't asked there any more, once it was asked `trials` times. To fail and be asked
+            scene state isn't asked there any more, once it was asked `trials` times. To fail and be asked
             again costs little by the model; to the target it costs the time in which it would learn.
         trials: Decisions by which `drop_below_success` judges.
         repeat_penalty: Taken off a candidate's Λ for each earlier decision of its guide for the same subgoal

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, task_heads
-from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, Outcome
 from paddlectl.hybrid.semi_markov import SemiMarkovModel
 from paddlectl.learners.buffers import TARGET
 from paddlectl.tasks.base import Bools, Ints
@@ -24,7 +24,7 @@ from paddlectl.transfer.novel_subgoals import NovelSubgoalExploration
 from paddlectl.transfer.performance import MeanReturns, Table, performance
 
 DROPPED = -1.0
-"""Λ of a source that is dropped from a situation: below anything that the target may have."""
+"""Λ of a source that is dropped from a scene state: below anything that the target may have."""
 
 
 class Weighing(NamedTuple):
@@ -45,7 +45,7 @@ class TracedDecision(NamedTuple):
         rule: Why it led.
     """
 
-    situation: int
+    scene_state: int
     candidate: int
     head: int
     steps: int
@@ -60,12 +60,12 @@ class TracedDecision(NamedTuple):
 class GuideSelector:
     """Scene → Λ of every candidate → guide → subgoal.
 
-    Its tables have a row for each situation (`rollout.LEVELS`).
+    Its tables have a row for each scene state (`rollout.PROGRESS`).
 
     Attributes:
         candidates: Who may lead where.
         traces: The decisions of each episode that ended since `clear`, in order of ending.
-        decisions, chosen, reached, cut: How often a situation came up, a candidate led there by each of
+        decisions, chosen, reached, cut: How often a scene state came up, a candidate led there by each of
             `RULES`, reached its subgoal, and was cut off by the horizon, since `clear`. [R], [R, C, rules],
             [R, C], [R, C]
     """
@@ -76,7 +76,7 @@ class GuideSelector:
         scenes = len(target.clauses.bodies)
         self.target = target
         self.candidates = candidates
-        self.shape = (scenes * LEVELS, len(candidates.guides))
+        self.shape = (scenes * PROGRESS, len(candidates.guides))
         self.traces: list[list[TracedDecision]] = []
         self._rng = rng
         self._own_heads = domain_heads(target.task)
@@ -97,39 +97,39 @@ class GuideSelector:
         self._own = self.target.clauses.probabilities()
 
     def weigh(self) -> Weighing:
-        """ψ, Φ and Λ of every candidate in every situation, as of now. [R, C] each"""
+        """ψ, Φ and Λ of every candidate in every scene state, as of now. [R, C] each"""
         raise NotImplementedError
 
     def dropped(self) -> Bools:
-        """Which sources aren't asked in a situation any more. [R, C]"""
+        """Which sources aren't asked in a scene state any more. [R, C]"""
         return np.zeros(self.shape, np.bool_)
 
-    def select(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
         """The guide and the head for each lane. [n], [n]"""
         weighing = self.weigh()
-        weights = self._lane_weights(weighing.weight, lanes, situations)
-        scenes = situations // LEVELS
+        weights = self._lane_weights(weighing.weight, lanes, scene_states)
+        scenes = scene_states // PROGRESS
         chosen = select_guide(weights, self._rng)
-        rules = self._rules(chosen, weights, weighing.weight[situations], situations)
+        rules = self._rules(chosen, weights, weighing.weight[scene_states], scene_states)
         explored = self._novel_heads(lanes, scenes)
         novel = explored >= 0
         chosen[novel], rules[novel] = TARGET, "novel"
         trial = self._forced_trials(lanes, scenes, chosen)
         chosen[trial], rules[trial] = TARGET, "trial"
         heads = np.where(novel, explored, self._heads(chosen, scenes))
-        for lane, situation, candidate, head, rule, weight in zip(
-            lanes, situations, chosen, heads, rules, weights, strict=True
+        for lane, scene_state, candidate, head, rule, weight in zip(
+            lanes, scene_states, chosen, heads, rules, weights, strict=True
         ):
             self._present[lane] = TracedDecision(
-                int(situation),
+                int(scene_state),
                 int(candidate),
                 int(head),
                 0,
                 False,
                 False,
                 rule,
-                weighing.similarity[situation],
-                weighing.performance[situation],
+                weighing.similarity[scene_state],
+                weighing.performance[scene_state],
                 weight,
             )
         return self.candidates.guides[chosen], heads
@@ -144,17 +144,17 @@ class GuideSelector:
             outcome.cut,
             outcome.terminated,
             outcome.done,
-            outcome.next_situations,
+            outcome.next_scene_states,
             strict=True,
         ):
             present = self._present[lane]
             assert present is not None
             decision = present._replace(steps=int(steps), reached=bool(reached), cut=bool(cut))
             self._episode[lane].append(decision)
-            self.decisions[decision.situation] += 1
-            self.chosen[decision.situation, decision.candidate, RULES.index(decision.rule)] += 1
-            self.reached[decision.situation, decision.candidate] += reached
-            self.cut[decision.situation, decision.candidate] += cut
+            self.decisions[decision.scene_state] += 1
+            self.chosen[decision.scene_state, decision.candidate, RULES.index(decision.rule)] += 1
+            self.reached[decision.scene_state, decision.candidate] += reached
+            self.cut[decision.scene_state, decision.candidate] += cut
             self._learn(lane, decision, float(reward), None if terminated else int(following))
             if done:
                 self._end(lane)
@@ -168,7 +168,7 @@ class GuideSelector:
         return heads
 
     def _rules(
-        self, chosen: Ints, weights: Table, unpenalised: Table, situations: Ints
+        self, chosen: Ints, weights: Table, unpenalised: Table, scene_states: Ints
     ) -> NDArray[np.object_]:
         """Why each candidate was chosen by its Λ.
 
@@ -176,7 +176,7 @@ class GuideSelector:
             chosen: The candidates. [n]
             weights: Λ, this episode's penalties included. [n, C]
             unpenalised: Λ without them. [n, C]
-            situations: Where. [n]
+            scene_states: Where. [n]
 
         Returns:
             `Rule`s. [n]
@@ -189,8 +189,8 @@ class GuideSelector:
         rules[unpenalised[np.arange(len(chosen)), chosen] < unpenalised.max(-1)] = "penalty"
         return rules
 
-    def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
-        return weights[situations]
+    def _lane_weights(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
+        return weights[scene_states]
 
     def _novel_heads(self, lanes: Ints, scenes: Ints) -> Ints:
         return np.full(len(lanes), -1)
@@ -205,7 +205,7 @@ class GuideSelector:
             lane: Where.
             decision: What was decided.
             reward: Extrinsic, within it.
-            following: The situation that it led to; None if the task was solved.
+            following: The scene state that it led to; None if the task was solved.
         """
         raise NotImplementedError
 
@@ -244,7 +244,7 @@ class PaperGuides(GuideSelector):
         entropy[:, TARGET] = -(self._own * np.log(self._own + 1e-12)).sum(-1)
         phi = performance(self._worth(), entropy, clipped=self.readings.normalise == "clip")
         tables = (psi, phi, guidance_weight(psi, phi))
-        return Weighing(*(np.repeat(table, LEVELS, axis=0) for table in tables))
+        return Weighing(*(np.repeat(table, PROGRESS, axis=0) for table in tables))
 
     def _worth(self) -> Table:
         """G of every candidate; of subgoals, what its program expects of them: Σ p·V. [S, C]"""
@@ -267,7 +267,7 @@ class PaperGuides(GuideSelector):
             returns.append(return_)
         seen = set()
         for decision, return_ in zip(self._episode[lane], reversed(returns), strict=True):
-            scene = decision.situation // LEVELS
+            scene = decision.scene_state // PROGRESS
             cell = (scene, decision.head if self._per_subgoal else decision.candidate)
             if not (self._per_subgoal and cell in seen):
                 self._returns.record(*cell, return_)
@@ -294,7 +294,7 @@ class PlannedGuides(GuideSelector):
         self._returns = np.zeros(self.shape)
         self._tried = np.zeros(self.shape, np.intp)
         self._hits = np.zeros(self.shape, np.intp)
-        self._similarity = np.repeat(candidates.similarity, LEVELS, axis=0)
+        self._similarity = np.repeat(candidates.similarity, PROGRESS, axis=0)
         self._known = np.where(np.isfinite(self._similarity), self._similarity, 0.0)
         self._leading_head = candidates.heads.argmax(-1)
         guides_and_heads = int(candidates.guides.max()) + 1, candidates.heads.shape[1]
@@ -302,7 +302,7 @@ class PlannedGuides(GuideSelector):
         self._forced = np.zeros(num_envs, np.bool_)
         novel = task_heads(target.task) >= 0
         novel &= ~candidates.heads[1:].any(0)
-        self._exploration = NovelSubgoalExploration(novel, self.shape[0] // LEVELS, num_envs, settings, rng)
+        self._exploration = NovelSubgoalExploration(novel, self.shape[0] // PROGRESS, num_envs, settings, rng)
 
     def weigh(self) -> Weighing:
         """ψ faded into the planned Φ; the target by merit, or by its floor. [R, C] each"""
@@ -326,26 +326,26 @@ class PlannedGuides(GuideSelector):
         self._returns = self._model.returns(self._weights().max(-1))
 
     def dropped(self) -> Bools:
-        """Sources that hardly ever reach their subgoal in a situation. [R, C]"""
+        """Sources that hardly ever reach their subgoal in a scene state. [R, C]"""
         hopeless: Bools = (self._tried >= self.rules.trials) & (
             self._hits < self.rules.drop_below_success * self._tried
         )
         hopeless[:, TARGET] = False
         return hopeless
 
-    def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
+    def _lane_weights(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
         leading = np.tile(self._leading_head, (len(lanes), 1))
-        leading[:, TARGET] = self._own_heads[self._own[situations // LEVELS].argmax(-1)]
-        repeats = self._repeats[lanes[:, None], situations[:, None], self.candidates.guides, leading]
-        penalised: Table = weights[situations] - self.rules.repeat_penalty * repeats
+        leading[:, TARGET] = self._own_heads[self._own[scene_states // PROGRESS].argmax(-1)]
+        repeats = self._repeats[lanes[:, None], scene_states[:, None], self.candidates.guides, leading]
+        penalised: Table = weights[scene_states] - self.rules.repeat_penalty * repeats
         penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.target_floor)
         return penalised
 
     def _rules(
-        self, chosen: Ints, weights: Table, unpenalised: Table, situations: Ints
+        self, chosen: Ints, weights: Table, unpenalised: Table, scene_states: Ints
     ) -> NDArray[np.object_]:
-        rules = super()._rules(chosen, weights, unpenalised, situations)
-        floor = self.rules.target_floor + self.rules.target_margin * self._measured()[situations]
+        rules = super()._rules(chosen, weights, unpenalised, scene_states)
+        floor = self.rules.target_floor + self.rules.target_margin * self._measured()[scene_states]
         rules[(chosen == TARGET) & (unpenalised[:, TARGET] <= floor) & (rules != "penalty")] = "floor"
         return rules
 
@@ -365,13 +365,13 @@ class PlannedGuides(GuideSelector):
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         guide = self.candidates.guides[decision.candidate]
-        self._repeats[lane, decision.situation, guide, decision.head] += 1
-        self._tried[decision.situation, decision.candidate] += not decision.cut
-        self._hits[decision.situation, decision.candidate] += decision.reached
+        self._repeats[lane, decision.scene_state, guide, decision.head] += 1
+        self._tried[decision.scene_state, decision.candidate] += not decision.cut
+        self._hits[decision.scene_state, decision.candidate] += decision.reached
         discount = float(self._clauses.discounts(np.array(decision.steps)))
-        self._model.record(decision.situation, decision.candidate, reward, following, discount)
+        self._model.record(decision.scene_state, decision.candidate, reward, following, discount)
         if guide == TARGET and not decision.cut:
-            self._exploration.record(decision.situation // LEVELS, decision.head, decision.reached)
+            self._exploration.record(decision.scene_state // PROGRESS, decision.head, decision.reached)
 
     def _end(self, lane: int) -> None:
         self._repeats[lane] = 0

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from paddlectl.agents.base import TARGET_NAME
-from paddlectl.hybrid.rollout import LEVELS
+from paddlectl.hybrid.rollout import PROGRESS
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Clause
 from paddlectl.transfer.candidates import Source
@@ -34,9 +34,9 @@ class GuideRecorder:
         if not self._selector.decisions.any():
             return
         weighing, dropped = self._selector.weigh(), self._selector.dropped()
-        by_scene = self._selector.decisions.reshape(-1, LEVELS)
+        by_scene = self._selector.decisions.reshape(-1, PROGRESS)
         for scene in np.flatnonzero(by_scene.sum(-1)):
-            rows = scene * LEVELS + np.arange(LEVELS)
+            rows = scene * PROGRESS + np.arange(PROGRESS)
             shown = rows[by_scene[scene].argmax()]
             for number, policy in enumerate(self._policies):
                 best = self._best(number, weighing.weight[shown], weighing.similarity[shown])
@@ -66,7 +66,7 @@ class GuideRecorder:
         return [self._decision(step, decision) for step, decision in enumerate(episode, start=1)]
 
     def _decision(self, step: int, decision: TracedDecision) -> dict[str, Any]:
-        body, head = self._bodies[decision.situation // LEVELS], self._heads[decision.head]
+        body, head = self._bodies[decision.scene_state // PROGRESS], self._heads[decision.head]
         return {
             "step": step,
             "scene": body_document(body),
