@@ -85,9 +85,10 @@ class Shell:
             text=True,
         )
 
-    def all(self, *lines: str) -> list[Any]:
+    def all(self, *lines: str, meanwhile: Callable[[], object] = lambda: None) -> list[Any]:
         """What they answer by `--json`, side by side."""
         begun = [self.begin(*line.split(), "--json") for line in lines]
+        meanwhile()
         ended = [process.communicate(timeout=120) for process in begun]
         assert [process.returncode for process in begun] == [0] * len(lines), ended
         return [json.loads(out) for out, _ in ended]
@@ -107,29 +108,28 @@ def has_checkpoint(place: Path, method: str) -> bool:
     return any(list((place / "runs" / run / "checkpoints").glob("*.json")) for run in runs)
 
 
-def test_from_training_to_another_registry(
-    toys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shell = Shell(toys, tmp_path / "registry")
+def test_from_training_to_another_registry(installed: Path, tmp_path: Path) -> None:
+    shell = Shell(installed, tmp_path / "registry")
     (tmp_path / "coin.yaml").write_text(SCENARIO)
     learning = shell.begin(*f"train KeyPays --method climb --frames {FRAMES} --checkpoint-every 0".split())
-    source = shell.begin(*["train", "ExitCorridor", "--method", "ppo", "--frames", "2048"])
     wait_for(lambda: has_checkpoint(shell.registry, "climb"))
     learning.send_signal(signal.SIGINT)
     _, err = learning.communicate(timeout=120)
     opened = Registry.open(shell.registry)
     (stopped,) = (run.id for run in opened.runs() if run.method == "climb")
     assert learning.returncode == 130 and f"go on with: paddlectl resume {stopped}" in err
-    assert source.communicate(timeout=120) and source.returncode == 0
+    source = train_source(TrainJob("ExitCorridor", 0, 2048, method="ppo"), opened, quiet)["policy"]
 
+    whole = Registry.open(tmp_path / "whole")
     _, moved, _, listed = shell.all(
         f"transfer {tmp_path / 'coin.yaml'}",
         "evaluate ExitCorridor --task CoinCorridor --episodes 5",
         f"resume {stopped}",
         "tasks",
+        meanwhile=lambda: train_source(TrainJob("KeyPays", 0, FRAMES, method="climb"), whole, quiet),
     )
     assert {"CoinCorridor", "ExitCorridor", "KeyPays"} < {task["name"] for task in listed["tasks"]}
-    assert (moved["policy"], moved["task"]) == ("policy-1", "CoinCorridor")
+    assert (moved["policy"], moved["task"]) == (source, "CoinCorridor")
 
     transfer = opened.newest_transfer()
     assert transfer is not None and (transfer.method, transfer.status) == ("lean", "finished")
@@ -138,13 +138,11 @@ def test_from_training_to_another_registry(
     assert {row["source"] for row in rows} == {"target", *transfer.sources}
     told, _ = shell.all(f"explain {transfer.id}", f"registry export {transfer.policy} {tmp_path / 'x.zip'}")
     assert (told["method"], told["target"]) == ("lean", "CoinCorridor")
-    Shell(toys, tmp_path / "other").all(f"registry import {tmp_path / 'x.zip'}")
+    reused = {(row["source"], *row["terms"]) for row in told["reuse"]}
+    assert reused == {("target", "value"), (source, "value")}
+    Shell(installed, tmp_path / "other").all(f"registry import {tmp_path / 'x.zip'}")
     assert Registry.open(tmp_path / "other").policy("CoinCorridor").method == "lean"
-
-    monkeypatch.syspath_prepend(toys)
-    whole = Registry.open(tmp_path / "whole")
-    row = train_source(TrainJob("KeyPays", 0, FRAMES, method="climb"), whole, quiet)
-    assert ended(opened, stopped) == ended(whole, row["run"])
+    assert ended(opened, stopped) == ended(whole, "run-1")
 
 
 def test_its_plain_classes_are_captured(installed: Path, tmp_path: Path) -> None:

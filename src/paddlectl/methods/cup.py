@@ -5,7 +5,7 @@
 3. In each state the advantage of source i is A_i(s) = E_{a~π_i} Q(s, a) - E_{a~π} Q(s, a), that of the target
    0. The candidate g of largest advantage guides.
 4. β1 min(A_g(s), β2 |V(s)|) D(π, π_g | s) is added to the actor's loss, where V(s) = E_{a~π} Q(s, a). Only D
-   has a gradient.
+   has a gradient. PPO's own loss is in deviations of its advantages; so are A and V then (`normalised`).
 
 PPO has no Q: it gets one, learned from each block by expected SARSA (van Seijen et al., 2009), and D is
 KL(π || π_g). TD3 has one, and D is the squared distance of the actions over 2σ².
@@ -52,7 +52,7 @@ class CUPSettings(FlatSettings):
     cap: float = 0.003
     start: float = 0.05
     deviation: float = 0.2
-    normalised: bool = False
+    normalised: bool = True
     critic_rate: float = 5e-4
     critic_epochs: int = 2
     critic_batch: int = 512
