@@ -52,24 +52,25 @@ LETTER: dict[str, dict[str, Any]] = {
 LETTER["letter"] = {name: value for reading in LETTER.values() for name, value in reading.items()}
 LETTER = {name: {"mode": "paper", **reading} for name, reading in LETTER.items()}
 
-# `trials` and `practice_reached` are no rules of their own: they say when another applies.
+# By their names in ablations.json. `trials` and `novel_subgoal_success` are no rules of their own: they say
+# when another applies.
 RULES = {
     "none": Ablation("nothing is off"),
-    "fading": Ablation("a source's Λ is its ψ for ever, whatever came of it", {"fading": 1.0}),
+    "fading": Ablation("a source's Λ is its ψ for ever, whatever came of it", {"similarity_decay": 1.0}),
     "first_guess": Ablation(
-        "ψ counts until a source's first decision; from then on Φ alone", {"fading": 0.0}
+        "ψ counts until a source's first decision; from then on Φ alone", {"similarity_decay": 0.0}
     ),
     "curiosity": Ablation(
         "the target's Λ has no floor: it explores only where all sources are dropped or penalised",
-        {"curiosity": 0.0},
+        {"target_floor": 0.0},
     ),
-    "least_reached": Ablation("no source is dropped, however rarely it arrives", {"least_reached": 0.0}),
+    "least_reached": Ablation("no source is dropped, however rarely it arrives", {"drop_below_success": 0.0}),
     "repeat_penalty": Ablation("to ask a guide for the same again costs nothing", {"repeat_penalty": 0.0}),
-    "audition_rate": Ablation("the target never leads against its Λ", {"audition_rate": 0.0}),
+    "audition_rate": Ablation("the target never leads against its Λ", {"forced_trial_rate": 0.0}),
     "audition_samples": Ablation(
-        "its first decision in a scene measures the target", {"audition_samples": 0.0}
+        "its first decision in a scene measures the target", {"forced_trial_samples": 0.0}
     ),
-    "practice": Ablation("the target never practises a subgoal of its own", {"practice_rate": 0.0}),
+    "practice": Ablation("the target never explores a subgoal of its own", {"novel_subgoal_rate": 0.0}),
     "patience": Ablation(
         "a source gets as many steps as the target", changes={"decisions": {"patience": 1.0}}
     ),
@@ -84,7 +85,7 @@ RULES = {
         "clause weights learn from Monte-Carlo returns, as in the paper",
         changes={"credit": {"planned": False}},
     ),
-    "block": Ablation("an update every 64 steps", changes={"block": 64}),
+    "block": Ablation("an update every 64 steps", changes={"rollout_steps": 64}),
     "fourth_epoch": Ablation("three passes over each block", changes={"low_level": {"epochs": 3}}),
     "paper": Ablation("all rules of guidance are off: Λ = ψ + Φ", guidance=Guidance(mode="paper")),
     **{

@@ -19,12 +19,12 @@ from paddlectl.tasks import suite
 from paddlectl.tasks.minigrid.env import PaddleEnv
 
 
-def engine_steps(task: str, lanes: int, seconds: float) -> float:
+def engine_steps(task: str, num_envs: int, seconds: float) -> float:
     """Steps a second of all lanes together."""
-    env = suite.load(task).make(lanes, 0)
+    env = suite.load(task).make(num_envs, 0)
     rng = np.random.default_rng(0)
-    actions = rng.integers(env.actions.size, size=(64, lanes))
-    heads = rng.integers(len(suite.load(task).domain_heads), size=(64, lanes))
+    actions = rng.integers(env.actions.size, size=(64, num_envs))
+    heads = rng.integers(len(suite.load(task).domain_heads), size=(64, num_envs))
 
     def run(i: int) -> int:
         step = env.step(actions[i % 64])
@@ -34,7 +34,7 @@ def engine_steps(task: str, lanes: int, seconds: float) -> float:
         finished = step.terminated | step.truncated
         if finished.any():
             env.reset(finished)
-        return lanes
+        return num_envs
 
     return _rate(run, seconds)
 

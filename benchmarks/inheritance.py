@@ -35,8 +35,8 @@ def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
     from paddlectl.experiments.policies import EVALUATION_EPISODES, EVALUATION_SEED
     from paddlectl.experiments.runner import _source
     from paddlectl.hybrid.agent import HybridAgent
-    from paddlectl.hybrid.policy import HybridPolicy, OwnProgram, settings_for
-    from paddlectl.methods.paddle import _guide, _inherit, _mapping
+    from paddlectl.hybrid.policy import HybridPolicy, ProgramSelector, settings_for
+    from paddlectl.methods.paddle import _guide, _mapping, _warm_start
     from paddlectl.tasks.suite import load
     from paddlectl.transfer.guidance import GuidanceSettings
 
@@ -46,12 +46,12 @@ def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
     target = HybridPolicy(task, seed, settings_for(task))
     sources = [_guide(_source(opened, policy)) for policy in sources_of(opened, scenario, seed)]
     mapping, _ = _mapping(target, sources, scenario.similarity)
-    _inherit(target, sources, mapping, GuidanceSettings().inheritance)
+    _warm_start(target, sources, mapping, GuidanceSettings().inheritance)
     layouts, choices = np.random.SeedSequence(seed).spawn(2)
-    chooser = OwnProgram(target, np.random.default_rng(choices))
+    selector = ProgramSelector(target, np.random.default_rng(choices))
     actions = np.random.default_rng(layouts.spawn(1)[0])
-    agent = HybridAgent(target, chooser, [target.low_level], actions)
-    environment = task.make(target.settings.lanes, int(layouts.generate_state(1)[0]))
+    agent = HybridAgent(target, selector, [target.low_level], actions)
+    environment = task.make(target.settings.num_envs, int(layouts.generate_state(1)[0]))
     learning = Learning(environment, agent, frames or BUDGETS[task.name])
     episodes, progress = [], []
     for round_ in learning:

@@ -46,11 +46,16 @@ NEEDED = ("goal_size", "radius", "goal_reward")
 # A deviation from Table 1 -> what takes it back (or the nearest that still lets values stay finite).
 ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "nothing": {},
-    # The same time in an action's discount, in a block, and between updates.
-    "repeat": {
-        "repeat": 1,
-        "block": 160,
-        "low_level": {"discount": 0.92 ** (1 / 20), "span": 1000, "errand_steps": 240.0, "update_every": 320},
+    # The same time in an action's discount, in a rollout, and between updates.
+    "action_repeat": {
+        "action_repeat": 1,
+        "rollout_steps": 160,
+        "low_level": {
+            "discount": 0.92 ** (1 / 20),
+            "span": 1000,
+            "goal_exploration_steps": 240.0,
+            "update_every": 320,
+        },
     },
     **{
         name: {"low_level": {name: paper}}
@@ -62,8 +67,8 @@ ABLATIONS: Mapping[str, Mapping[str, Any]] = {
 }
 # A setting of the preset `guided`, or one that matters to an heir alone -> the usual one in its place.
 GUIDED: Mapping[str, Mapping[str, Any]] = {
-    "lanes": {"lanes": 8, "block": 32},
-    "repeat": {"repeat": 20},
+    "num_envs": {"num_envs": 8, "rollout_steps": 32},
+    "action_repeat": {"action_repeat": 20},
     "reward_unit": {"decisions": {"reward_unit": 100.0}},
     "step_discount": {"clauses": {"step_discount": 0.999}},
     "imitation_margin": {"credit": {"imitation_margin": 0.0}},
@@ -74,7 +79,7 @@ GUIDED: Mapping[str, Mapping[str, Any]] = {
             "learning_rate": 3e-4,
             "discount": 0.98,
             "span": 100,
-            "errand_steps": 40.0,
+            "goal_exploration_steps": 40.0,
         }
     },
 }

@@ -46,7 +46,7 @@ TASK = "BoxDoor"
 GYMNASIUM_ID = f"paddlectl.tasks.minigrid.env:paddle/{TASK}-v0"
 ENVIRONMENTS, LONG_STEPS, MINIBATCH = 8, 512, 256  # of SB3 on Gymnasium, as its users have it
 SETTINGS = HybridSettings()
-LANES, STEPS = SETTINGS.lanes, SETTINGS.block  # of SB3 on the engine, as we have it
+LANES, STEPS = SETTINGS.num_envs, SETTINGS.rollout_steps  # of SB3 on the engine, as we have it
 FRAMES = LANES * STEPS
 PARTS = ("speed", "solve")
 BAR = 0.97
@@ -57,14 +57,14 @@ Result = dict[str, Any]
 class Lanes(VecEnv):
     """The lanes of our engine as SB3 wants them: the flat task, its extrinsic reward, resets by itself."""
 
-    def __init__(self, lanes: int, seed: int) -> None:
-        self._engine: Any = suite.load(TASK).make(lanes, seed)
-        self._order = np.arange(lanes)
+    def __init__(self, num_envs: int, seed: int) -> None:
+        self._engine: Any = suite.load(TASK).make(num_envs, seed)
+        self._order = np.arange(num_envs)
         self.frames = 0
         self.episodes: list[Ended] = []
-        self._started = np.zeros(lanes, np.intp)
+        self._started = np.zeros(num_envs, np.intp)
         super().__init__(
-            lanes,
+            num_envs,
             gymnasium.spaces.Box(-1, 1, (self._engine.flat_size,), np.float32),
             gymnasium.spaces.Discrete(self._engine.actions.size),
         )
@@ -204,7 +204,7 @@ def speed(rounds: int, repeats: int) -> Result:
     Also by the processor's seconds, which other processes on a busy machine take nothing of.
     """
     frames = rounds * FRAMES
-    our_rounds = max(1, frames // (SETTINGS.lanes * SETTINGS.block))
+    our_rounds = max(1, frames // (SETTINGS.num_envs * SETTINGS.rollout_steps))
     contenders: dict[str, Callable[[], int]] = {
         "ours": lambda: measure(TASK, our_rounds)["frames_per_second"],
         "sb3_gymnasium": lambda: rate(on_gymnasium(), rounds),
@@ -223,8 +223,8 @@ def speed(rounds: int, repeats: int) -> Result:
         "task": TASK,
         "seed": 0,
         "frames_each": frames,
-        "lanes": {"ours": SETTINGS.lanes, "sb3_gymnasium": ENVIRONMENTS, "sb3_engine": LANES},
-        "steps": {"ours": SETTINGS.block, "sb3_gymnasium": LONG_STEPS, "sb3_engine": STEPS},
+        "lanes": {"ours": SETTINGS.num_envs, "sb3_gymnasium": ENVIRONMENTS, "sb3_engine": LANES},
+        "steps": {"ours": SETTINGS.rollout_steps, "sb3_gymnasium": LONG_STEPS, "sb3_engine": STEPS},
         "minibatch": {
             "ours": SETTINGS.low_level.minibatch,
             "sb3_gymnasium": MINIBATCH,

@@ -65,7 +65,7 @@ def measure(task: str, rounds: int) -> dict[str, Any]:
     PPO.act = clock.timed(PPO.act)  # type: ignore[method-assign]
     PPO.update = clock.timed(PPO.update)  # type: ignore[method-assign]
     with tempfile.TemporaryDirectory() as folder, Registry.open(folder) as registry:
-        frames = (rounds + 1) * settings.lanes * settings.block
+        frames = (rounds + 1) * settings.num_envs * settings.rollout_steps
         train_source(TrainJob(task, 0, frames), registry, clock.round_ended)
     (frames_before, began, inside_before), *_, (frames, ended, inside) = clock.rounds
     seconds = ended - began
@@ -90,9 +90,9 @@ def profile(task: str, rounds: int = 3, most: int = 12) -> dict[str, float]:
     """The operations that take the largest shares of PyTorch's time."""
     torch.set_num_threads(1)
     settings = HybridSettings()
-    loaded, frames = suite.load(task), (rounds + 1) * settings.lanes * settings.block
+    loaded, frames = suite.load(task), (rounds + 1) * settings.num_envs * settings.rollout_steps
     agent = HDM.make(Setup(loaded, settings, 0, frames))
-    trained = Learning(loaded.make(settings.lanes, 0), agent, frames)
+    trained = Learning(loaded.make(settings.num_envs, 0), agent, frames)
     next(trained)
     with torch.profiler.profile(activities=[torch.profiler.ProfilerActivity.CPU]) as profiled:
         for _ in trained:

@@ -24,8 +24,8 @@ from unittest import mock
 import torch
 
 from paddlectl.experiments import runner
+from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.jobs import TrainJob
-from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.policies import keep
 from paddlectl.experiments.runner import train_source
 from paddlectl.hybrid.policy import HybridPolicy
@@ -98,7 +98,7 @@ def record_runs(place: Path) -> None:
         registry = Registry.open(place / "registry")
         add_sources(registry)
         for kind in SEEDED:
-            recorded[kind] = digest(ended(registry, begin(kind, registry, Pace())["run"]))
+            recorded[kind] = digest(ended(registry, begin(kind, registry, Checkpointer())["run"]))
     RECORDED.write_text(json.dumps(recorded, indent=2) + "\n")
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from paddlectl.agents.interaction import Learning
-from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, Outcome
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.atoms import Predicate
 from paddlectl.methods.base import Method, Setup
@@ -34,16 +34,16 @@ class Corridor:
     flat_size = 4
     actions = Actions(3)
 
-    def __init__(self, lanes: int, seed: int, repeat: int = 1, split: str = "training") -> None:
-        assert repeat == 1
-        self.lanes, self.repeat = lanes, repeat
+    def __init__(self, num_envs: int, seed: int, action_repeat: int = 1, split: str = "training") -> None:
+        assert action_repeat == 1
+        self.num_envs, self.action_repeat = num_envs, action_repeat
         self._next = 1000 * seed
-        self.layout, self.place, self.t = np.zeros((3, lanes), np.intp)
-        self.paid = np.zeros(lanes, np.bool_)
+        self.layout, self.place, self.t = np.zeros((3, num_envs), np.intp)
+        self.paid = np.zeros(num_envs, np.bool_)
         self.reset()
 
     def reset(self, lanes=None):
-        chosen = np.flatnonzero(np.ones(self.lanes, np.bool_) if lanes is None else lanes)
+        chosen = np.flatnonzero(np.ones(self.num_envs, np.bool_) if lanes is None else lanes)
         self.layout[chosen] = self._next + np.arange(len(chosen))
         self._next += len(chosen)
         self.place[chosen] = 0
@@ -76,7 +76,7 @@ class Corridor:
         return actions
 
     def reached(self, heads):
-        places = {TWO: self.place == 2, END: self._at_end(), MOON: np.ones(self.lanes, np.bool_)}
+        places = {TWO: self.place == 2, END: self._at_end(), MOON: np.ones(self.num_envs, np.bool_)}
         return np.array([head in places and places[head][lane] for lane, head in enumerate(heads)])
 
     def available(self, heads):
@@ -113,10 +113,10 @@ class ByScript:
     def anneal(self, done):
         pass
 
-    def frozen(self):
+    def eval_actor(self):
         return self
 
-    def guide(self):
+    def teacher_actor(self):
         return self
 
     def state(self):
@@ -127,38 +127,38 @@ class ByScript:
 
 
 class Teller:
-    """Gives these heads in turn, the last for ever; a witness that remembers what it was told."""
+    """Gives these heads in turn, the last for ever; a listener that remembers what it was told."""
 
     def __init__(self, heads: Iterable[int], guides: Sequence[int] = (0,)) -> None:
         self._heads = list(heads)
         self._guides = guides
         self.asked: list[list[tuple[int, int]]] = []
-        self.levels: list[list[int]] = []
+        self.progress: list[list[int]] = []
         self.told: list = []
 
-    def choose(self, lanes, situations):
-        scenes, levels = divmod(situations, LEVELS)
+    def select(self, lanes, scene_states):
+        scenes, progress = divmod(scene_states, PROGRESS)
         self.asked.append(list(zip(lanes.tolist(), scenes.tolist(), strict=True)))
-        self.levels.append(levels.tolist())
+        self.progress.append(progress.tolist())
         head = self._heads[min(len(self.asked), len(self._heads)) - 1]
         guides = np.array([self._guides[lane % len(self._guides)] for lane in lanes])
         return guides, np.full(len(lanes), head)
 
-    def decided(self, outcome):
+    def on_decision_end(self, outcome):
         self.told.append(outcome)
 
 
 def learning(method: Method, setup: Setup) -> Learning:
     """The method's agent at work, as a run has it."""
-    environment = setup.task.make(setup.settings.lanes, setup.seed, setup.settings.repeat)
+    environment = setup.task.make(setup.settings.num_envs, setup.seed, setup.settings.action_repeat)
     return Learning(environment, method.make(setup), setup.frames)
 
 
-def outcome(situation, head, reward=0.0, following=None, reached=False, lane=0):
+def outcome(scene_state, head, reward=0.0, following=None, reached=False, lane=0):
     """One decision of three steps that ended; the task is solved if no scene follows."""
     columns = {
         "lanes": lane,
-        "situations": situation,
+        "scene_states": scene_state,
         "heads": head,
         "guides": 0,
         "steps": 3,
@@ -167,10 +167,10 @@ def outcome(situation, head, reward=0.0, following=None, reached=False, lane=0):
         "cut": False,
         "terminated": following is None,
         "truncated": False,
-        "next_situations": 0 if following is None else following * LEVELS,
+        "next_scene_states": 0 if following is None else following * PROGRESS,
     }
     return Outcome(**{name: np.array([value]) for name, value in columns.items()})
 
 
-def block(steps: int, lanes: int) -> RolloutBuffer:
-    return RolloutBuffer.empty(steps, lanes, Corridor.observation_size)
+def block(steps: int, num_envs: int) -> RolloutBuffer:
+    return RolloutBuffer.empty(steps, num_envs, Corridor.observation_size)

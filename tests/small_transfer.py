@@ -16,7 +16,7 @@ from paddlectl.scenario import Guidance, Scenario
 
 FRAMES = 8192
 TARGET = "BlockedBoxUnlockPickup"
-SMALL = {"lanes": 8, "block": 32, "low_level": {"epochs": 1}}
+SMALL = {"num_envs": 8, "rollout_steps": 32, "low_level": {"epochs": 1}}
 """Eight lanes, so that a few thousand frames hold a few dozen episodes."""
 
 SHORT = ((paddle, "EARLY", 10), (finetune, "TRIALS", 2), (policies, "EVALUATION_EPISODES", 8))

@@ -50,13 +50,13 @@ class Walker:
 
     def act(self, env: Engine) -> np.ndarray:
         if not len(self._wanted):
-            self._turn, self._wanted = np.zeros((2, env.lanes), np.intp)
-            self._choose(np.arange(env.lanes))
+            self._turn, self._wanted = np.zeros((2, env.num_envs), np.intp)
+            self._choose(np.arange(env.num_envs))
         there = np.flatnonzero(env.reached(self._wanted))
         self._turn[there] += 1
         self._choose(there)
         masses = env.masses
-        seconds = 0.01 * env.repeat
+        seconds = 0.01 * env.action_repeat
         return np.array(
             [
                 force(*state, seconds)

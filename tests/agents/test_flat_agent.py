@@ -23,8 +23,10 @@ class Reader(ByScript):
         return {}
 
 
-def agent(learner, lanes, steps, reward_unit=1.0):
-    policy = FlatPolicy(TASK, 0, FlatSettings(lanes=lanes, block=steps, reward_unit=reward_unit))
+def agent(learner, num_envs, steps, reward_unit=1.0):
+    policy = FlatPolicy(
+        TASK, 0, FlatSettings(num_envs=num_envs, rollout_steps=steps, reward_unit=reward_unit)
+    )
     policy.learner = learner
     return FlatAgent(policy, np.random.default_rng(0))
 

@@ -17,7 +17,7 @@ class Walker:
         self.seen, self.updates = [], []
 
     def act(self, environment):
-        return np.full(environment.lanes, self._action)
+        return np.full(environment.num_envs, self._action)
 
     def observe(self, environment, step):
         done = step.terminated | step.truncated
@@ -75,9 +75,9 @@ def test_only_steps_that_were_taken_count():
     """An action of several steps ends with its episode."""
 
     class Repeating(Corridor):
-        def __init__(self, lanes, seed):
-            super().__init__(lanes, seed)
-            self.repeat = 4
+        def __init__(self, num_envs, seed):
+            super().__init__(num_envs, seed)
+            self.action_repeat = 4
 
         def step(self, actions):
             step = super().step(actions)

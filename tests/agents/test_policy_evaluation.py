@@ -14,7 +14,7 @@ from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
 from paddlectl.learners.ppo import PPOSettings
 from scripted import GT_END, GT_TWO, HORIZON, RIGHT, STAY, TASK, ByScript
 
-SMALL = HybridSettings(lanes=4, block=16, low_level=PPOSettings(epochs=1))
+SMALL = HybridSettings(num_envs=4, rollout_steps=16, low_level=PPOSettings(epochs=1))
 
 
 def walker(action=RIGHT):
@@ -39,11 +39,11 @@ def test_evaluation_plays_the_first_layouts_once_each(episodes):
     assert result.mean_length == pytest.approx(lengths.mean())
 
 
-@pytest.mark.parametrize("lanes", [1, 3, 7, 50])
-def test_the_layouts_are_the_same_however_many_are_played_side_by_side(lanes, monkeypatch):
+@pytest.mark.parametrize("num_envs", [1, 3, 7, 50])
+def test_the_layouts_are_the_same_however_many_are_played_side_by_side(num_envs, monkeypatch):
     # what happens in a layout is by script here, so that its figures tell which one it was
     together = evaluate(walker(), TASK, 50, 2)
-    monkeypatch.setattr(evaluation, "LANES", lanes)
+    monkeypatch.setattr(evaluation, "MOST_ENVS", num_envs)
     assert evaluate(walker(), TASK, 50, 2) == together
 
 
@@ -60,17 +60,17 @@ def peak(episodes):
 
 
 def test_memory_is_that_of_the_episodes_side_by_side(monkeypatch):
-    monkeypatch.setattr(evaluation, "LANES", 100)
+    monkeypatch.setattr(evaluation, "MOST_ENVS", 100)
     peak(1)
     assert peak(6000) < peak(1000) + 250_000  # 5,000 episodes more are a million bytes
 
 
 def test_the_buffer_of_a_player_plays_no_part(monkeypatch):
-    monkeypatch.setattr(evaluation, "LANES", 7)
+    monkeypatch.setattr(evaluation, "MOST_ENVS", 7)
     policy, found = HybridPolicy(TASK, 0, SMALL), []
     buffer = policy.buffer
     for steps in (1, 5, 32):
-        monkeypatch.setattr(policy, "buffer", lambda _, lanes, steps=steps: buffer(steps, lanes))
+        monkeypatch.setattr(policy, "buffer", lambda _, num_envs, steps=steps: buffer(steps, num_envs))
         found.append(evaluate(policy, TASK, 40, 1))
     assert found[0] == found[1] == found[2]
 

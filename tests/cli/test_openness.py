@@ -16,8 +16,8 @@ import pytest
 from paddlectl import plugins
 from paddlectl.cli.options import complete_tasks
 from paddlectl.errors import IntegrityError, PaddlectlError
+from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.jobs import TrainJob
-from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import job_of, resume
 from paddlectl.experiments.runner import train_source
 from paddlectl.methods import catalogue
@@ -149,8 +149,8 @@ def test_its_plain_classes_are_captured(installed: Path, tmp_path: Path) -> None
     job = TrainJob("CoinCorridor", 0, 1024, method="climb")
     registry = Registry.open(tmp_path / "registry")
     with pytest.raises(KeyboardInterrupt):
-        train_source(job, registry, quiet, Pace(0.0, StopAfter(3)))
-    resume("run-1", registry, quiet, Pace())
+        train_source(job, registry, quiet, Checkpointer(0.0, StopAfter(3)))
+    resume("run-1", registry, quiet, Checkpointer())
     row = train_source(job, registry, quiet)
     assert ended(registry, "run-1") == ended(registry, row["run"])
 
@@ -216,7 +216,7 @@ def test_the_only_task_of_a_domain_has_no_other_to_compare(
 
 def test_the_hybrid_model_learns_a_plug_ins_environment(installed: Path, tmp_path: Path) -> None:
     registry = Registry.open(tmp_path / "registry")
-    few = {"lanes": 2, "block": 8}
+    few = {"num_envs": 2, "rollout_steps": 8}
     row = train_source(TrainJob("CoinCorridor", 0, 1, few), registry, quiet)
     assert "has_coin(agent)" in str(registry.policy(row["policy"]).program)
 
@@ -230,7 +230,10 @@ def left_behind(toys: Path, tmp_path: Path) -> Registry:
         train_source(TrainJob("CoinCorridor", 0, 256, method="climb"), registry, quiet)
         with pytest.raises(KeyboardInterrupt):
             train_source(
-                TrainJob("CoinCorridor", 0, 256, method="climb"), registry, quiet, Pace(0.0, StopAfter(1))
+                TrainJob("CoinCorridor", 0, 256, method="climb"),
+                registry,
+                quiet,
+                Checkpointer(0.0, StopAfter(1)),
             )
     return registry
 

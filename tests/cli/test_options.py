@@ -7,8 +7,8 @@ import pytest
 
 from paddlectl.cli.options import place
 from paddlectl.cli.texts import here
+from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.jobs import Progress, TrainJob
-from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.runner import train_source
 from paddlectl.registry.store import Registry
 from samples import SCENARIO, Command
@@ -112,10 +112,12 @@ def test_a_budget_below_a_round_is_told_before_it_starts(tmp_path: Path) -> None
             raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            train_source(TrainJob(task="BoxDoor", seed=0, frames=1), opened, report, Pace(tell=told.append))
+            train_source(
+                TrainJob(task="BoxDoor", seed=0, frames=1), opened, report, Checkpointer(tell=told.append)
+            )
     told.clear()
-    Pace(tell=told.append).tell_of_rounds(2048, 2048)
-    Pace(tell=told.append, resumed="run-1").tell_of_rounds(1, 2048)
+    Checkpointer(tell=told.append).tell_of_rounds(2048, 2048)
+    Checkpointer(tell=told.append, resumed="run-1").tell_of_rounds(1, 2048)
     assert told == []
 
 

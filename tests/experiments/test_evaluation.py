@@ -25,7 +25,7 @@ from paddlectl.experiments.resuming import job_of
 from paddlectl.experiments.runner import train_source
 from paddlectl.hybrid.agent import HybridAgent
 from paddlectl.hybrid.credit import CreditSettings
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, OwnProgram, settings_for
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, ProgramSelector, settings_for
 from paddlectl.hybrid.rollout import DecisionSettings, Rollout
 from paddlectl.learners.ppo import PPOSettings
 from paddlectl.logic.syntax import format_program
@@ -91,8 +91,10 @@ def learn(
 def go_on(policy: HybridPolicy) -> None:
     """Acts for a block, and doesn't learn."""
     settings, rng = policy.settings, np.random.default_rng(1)
-    agent = HybridAgent(policy, OwnProgram(policy, rng), [policy.low_level], rng)
-    Interaction(policy.task.make(settings.lanes, 1, settings.repeat), agent).run(agent.rollout_steps)
+    agent = HybridAgent(policy, ProgramSelector(policy, rng), [policy.low_level], rng)
+    Interaction(policy.task.make(settings.num_envs, 1, settings.action_repeat), agent).run(
+        agent.rollout_steps
+    )
 
 
 def stored(policy: PolicyRecord) -> dict[str, float]:
@@ -157,7 +159,7 @@ def change_defaults(patch: pytest.MonkeyPatch, kind: type[Any], **values: Any) -
 
 
 def other_defaults(patch: pytest.MonkeyPatch) -> None:
-    change_defaults(patch, HybridSettings, sharpness=9.0, repeat=2, lanes=3)
+    change_defaults(patch, HybridSettings, sharpness=9.0, action_repeat=2, num_envs=3)
     change_defaults(patch, PPOSettings, sharpness=9.0, epochs=9)
     change_defaults(patch, DecisionSettings, max_steps=50, patience=0.9)
     assert HybridSettings().sharpness == HybridSettings().low_level.sharpness == 9.0
@@ -223,10 +225,23 @@ def test_a_policy_that_nothing_is_known_of_is_played_as_today(soft: Registry, re
 def test_a_name_that_came_later_has_its_usual_value(soft: Registry) -> None:
     policy = soft.policy("policy-1")
     settings = json.loads(json.dumps(policy.metadata["settings"]))
-    del settings["repeat"], settings["credit"]["imitation_margin"]
+    del settings["action_repeat"], settings["credit"]["imitation_margin"]
     older = dataclasses.replace(policy, metadata={"settings": settings})
     assert revive(soft, older).settings == settings_for(load("GapBall"), SOFT)
-    assert (HybridSettings().repeat, CreditSettings().imitation_margin) == (1, 0.0)
+    assert (HybridSettings().action_repeat, CreditSettings().imitation_margin) == (1, 0.0)
+
+
+def test_the_names_that_settings_had_are_read(soft: Registry) -> None:
+    policy = soft.policy("policy-1")
+    settings = json.loads(json.dumps(policy.metadata["settings"]))
+    for then, now in {"lanes": "num_envs", "block": "rollout_steps", "repeat": "action_repeat"}.items():
+        settings[then] = settings.pop(now)
+    older = dataclasses.replace(policy, metadata={"settings": settings})
+    assert revive(soft, older).settings == settings_for(load("GapBall"), SOFT)
+    assert played(soft, older) == stored(policy)
+    run = soft.run("run-1")
+    begun = dataclasses.replace(run, settings={**run.settings, "learning": settings})
+    assert job_of(begun) == job_of(run)
 
 
 @pytest.mark.parametrize(
@@ -235,6 +250,7 @@ def test_a_name_that_came_later_has_its_usual_value(soft: Registry) -> None:
         [],
         "soft",
         {"softness": 1.0},
+        {"lanes": 64, "num_envs": 64},
         {"sharpness": "1.0"},
         {"sharpness": True},
         {"sharpness": None},

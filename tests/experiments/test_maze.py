@@ -21,7 +21,7 @@ from paddlectl.scenario import load_scenario
 from paddlectl.tasks.suite import load
 
 ROOT = Path(__file__).parents[2]
-FRAMES = 5120  # one block of 32 lanes by 8 actions of 20 steps
+FRAMES = 5120  # one rollout of 32 environments by 8 actions of 20 steps
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_the_preset_of_the_paper_takes_every_deviation_back(name: str) -> None:
     task = load(name)
     usual, paper = settings_for(task), settings_for(task, task.presets["paper"])
     assert paper.low_level == TD3Settings() != usual.low_level
-    assert (paper.repeat, usual.repeat) == (1, 20)
+    assert (paper.action_repeat, usual.action_repeat) == (1, 20)
 
 
 def test_a_policy_is_revived_by_the_preset_that_it_was_learned_with(maze: Registry, tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_a_policy_is_revived_by_the_preset_that_it_was_learned_with(maze: Regist
     assert revive(maze, maze.policy("MailMaze")).settings == settings_for(task)
     guided = settings_for(target, target.presets["guided"])
     assert revive(maze, maze.policy("CoffeeMailMaze")).settings == guided
-    assert (guided.repeat, guided.lanes) == (5, 1)
+    assert (guided.action_repeat, guided.num_envs) == (5, 1)
 
 
 @pytest.mark.parametrize("preset", ["papr", ["paper"]])
@@ -127,8 +127,8 @@ def test_who_inherits_nothing_learns_as_a_source_does(copy: Registry, method: st
     given = ("policy-1", "policy-2") if method == "paddle" else ()
     row = run_transfer(TransferJob(scenario, given, method, 0, FRAMES), copy, lambda _: None)
     told = copy.run(row["run"]).settings["learning"]
-    lanes, block = (8, 32) if mode == "paper" else (32, 8)
-    assert (told["lanes"], told["block"], told["repeat"]) == (lanes, block, 20)
+    num_envs, steps = (8, 32) if mode == "paper" else (32, 8)
+    assert (told["num_envs"], told["rollout_steps"], told["action_repeat"]) == (num_envs, steps, 20)
 
 
 def test_a_source_of_other_networks_guides_and_hands_on_nothing(copy: Registry) -> None:

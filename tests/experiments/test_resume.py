@@ -17,10 +17,10 @@ from paddlectl.agents.base import Episode
 from paddlectl.agents.interaction import Learning, Round
 from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, RegistryBusyError, UsageError
 from paddlectl.experiments import runner, snapshot
+from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.curves import curve_figures
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.log import recorded
-from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.runner import train_source
 from paddlectl.experiments.stop import Stop
@@ -69,7 +69,7 @@ class Unbroken:
 
     def __getitem__(self, kind: str) -> dict[str, Any]:
         if kind not in self._known:
-            self._known[kind] = ended(self._registry, begin(kind, self._registry, Pace())["run"])
+            self._known[kind] = ended(self._registry, begin(kind, self._registry, Checkpointer())["run"])
         return self._known[kind]
 
 
@@ -97,13 +97,13 @@ def test_stopped_every_few_rounds_it_ends_the_same(
     registry = Registry.open(place)
     stops = 0
     with pytest.raises(KeyboardInterrupt):
-        begin(kind, registry, Pace(stop=StopAfter(rounds)))
+        begin(kind, registry, Checkpointer(stop=StopAfter(rounds)))
     run = registry.runs()[0]
     while run.status != "finished":
         assert (run.status, run.policy) == ("interrupted", None)
         stops += 1
         with suppress(KeyboardInterrupt):
-            resume(run.id, registry, quiet, Pace(stop=StopAfter(rounds)))
+            resume(run.id, registry, quiet, Checkpointer(stop=StopAfter(rounds)))
         run = registry.run(run.id)
     assert run.resumes == stops == ROUNDS // rounds
     assert ended(registry, run.id) == unbroken[kind]
@@ -113,7 +113,9 @@ def test_stopped_every_few_rounds_it_ends_the_same(
 
 def stopped(registry: Registry, rounds: int = 3) -> str:
     with pytest.raises(KeyboardInterrupt):
-        train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet, Pace(0.0, StopAfter(rounds)))
+        train_source(
+            TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet, Checkpointer(0.0, StopAfter(rounds))
+        )
     return registry.runs()[0].id
 
 
@@ -124,7 +126,7 @@ def test_what_was_written_after_the_last_checkpoint_is_cut_off(place: Path, unbr
     for table in folder.glob("*.jsonl"):
         table.open("a").write('{"frames": 99, "seconds": 0.0}\n{"torn')
     (folder / "weights.jsonl").write_text('{"left": 1}\n')
-    resume(run, registry, quiet, Pace())
+    resume(run, registry, quiet, Checkpointer())
     (folder / "weights.jsonl").unlink()
     assert ended(registry, run) == unbroken["train"]
 
@@ -139,7 +141,7 @@ def test_a_damaged_checkpoint_is_left_out_and_told(place: Path, unbroken: Unbrok
     data[len(data) // 2] ^= 4
     newest.write_bytes(bytes(data))
     told: list[str] = []
-    resume(run, registry, quiet, Pace(tell=told.append))
+    resume(run, registry, quiet, Checkpointer(tell=told.append))
     assert len(told) == 1 and "an earlier checkpoint is used" in told[0] and newest.name in told[0]
     assert ended(registry, run) == unbroken["train"]
 
@@ -150,7 +152,7 @@ def test_no_whole_checkpoint(place: Path) -> None:
     for path in (place / "runs" / run / "checkpoints").glob("*.safetensors"):
         path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(IntegrityError, match="no checkpoint of") as caught:
-        resume(run, registry, quiet, Pace())
+        resume(run, registry, quiet, Checkpointer())
     assert caught.value.exit_code == 5
 
 
@@ -158,7 +160,7 @@ def test_a_run_without_a_checkpoint_starts_again(place: Path, unbroken: Unbroken
     registry = Registry.open(place)
     run = stopped(registry)
     shutil.rmtree(place / "runs" / run / "checkpoints")
-    resume(run, registry, quiet, Pace())
+    resume(run, registry, quiet, Checkpointer())
     assert ended(registry, run) == unbroken["train"]
 
 
@@ -167,7 +169,7 @@ def test_state_that_isnt_this_versions_is_refused(place: Path, monkeypatch: pyte
     run = stopped(registry)
     monkeypatch.setattr(ppo, "mlp", partial(ppo.mlp, hidden=(8,)))
     with pytest.raises(IntegrityError, match="doesn't fit this version"):
-        resume(run, registry, quiet, Pace())
+        resume(run, registry, quiet, Checkpointer())
 
 
 @pytest.mark.parametrize("change", [{"horizon": 321}, {"summary": "another"}])
@@ -178,19 +180,19 @@ def test_a_run_that_this_version_would_begin_otherwise_is_refused(
     run = stopped(registry)
     monkeypatch.setattr(runner, "load", lambda name: replace(load(name), **change))
     with pytest.raises(IntegrityError, match="doesn't fit this version"):
-        resume(run, registry, quiet, Pace())
+        resume(run, registry, quiet, Checkpointer())
 
 
 # What isn't of the project
 
 
 class Outsider:
-    """A witness that can tell what it knows."""
+    """A listener that can tell what it knows."""
 
     def __init__(self) -> None:
         self._told: list[int] = []
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         self._told.append(int(outcome.steps.sum()))
 
     def snapshot(self) -> list[int]:
@@ -201,14 +203,14 @@ class Outsider:
 
 
 class Mute:
-    """A witness that can't."""
+    """A listener that can't."""
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         pass
 
 
-def with_witness(witness: Any, patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(hdm, "HybridAgent", partial(HybridAgent, witnesses=[witness]))
+def with_listener(listener: Any, patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(hdm, "HybridAgent", partial(HybridAgent, listeners=[listener]))
 
 
 def test_any_class_that_can_tell_its_state_goes_on_with_the_run(place: Path) -> None:
@@ -216,25 +218,25 @@ def test_any_class_that_can_tell_its_state_goes_on_with_the_run(place: Path) -> 
     told = []
     for stop in (Stop(), StopAfter(3)):
         with pytest.MonkeyPatch.context() as patch, suppress(KeyboardInterrupt):
-            with_witness(witness := Outsider(), patch)
-            train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet, Pace(stop=stop))
-        told.append(witness.snapshot())
+            with_listener(listener := Outsider(), patch)
+            train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet, Checkpointer(stop=stop))
+        told.append(listener.snapshot())
     assert 0 < len(told[1]) < len(told[0])
     with pytest.MonkeyPatch.context() as patch:
-        with_witness(witness := Outsider(), patch)
-        resume(registry.runs()[0].id, registry, quiet, Pace())
-    assert witness.snapshot() == told[0]
+        with_listener(listener := Outsider(), patch)
+        resume(registry.runs()[0].id, registry, quiet, Checkpointer())
+    assert listener.snapshot() == told[0]
 
 
 def test_what_cant_be_captured_is_told_before_anything_is_learned(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     registry = Registry.open(place)
-    with_witness(Mute(), monkeypatch)
+    with_listener(Mute(), monkeypatch)
     with pytest.raises(PaddlectlError) as caught:
         train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet)
     assert str(caught.value) == (
-        f"learning.agent.rollout._witnesses[0]: a Mute of module {__name__} can't be captured: "
+        f"learning.agent.rollout._listeners[0]: a Mute of module {__name__} can't be captured: "
         "give it snapshot() and restore()"
     )
     run = registry.runs()[0]
@@ -307,16 +309,16 @@ def after(count: int, place: Path) -> Kept:
     agent = hdm.make(Setup(task, settings_for(task, SMALL), 0, FRAMES))
     learning = Learning(task.make(LANES, 0), agent, FRAMES)
     run = entered(registry)
-    pace = Pace(3600.0)
+    checkpointer = Checkpointer(3600.0)
     with recorded(registry, run) as log, kept() as found:
-        with pace.rounds(registry, log, {"learning": learning}) as after_round:
+        with checkpointer.rounds(registry, log, {"learning": learning}) as after_round:
             for round_ in made_up(count):
                 for episode in round_.episodes:
                     agent._recent.add(episode.scenes)
                 log.add(round_)
                 log.write(round_)
                 after_round()
-            pace.stop.asked = True
+            checkpointer.stop.asked = True
             for _ in range(8):
                 with suppress(KeyboardInterrupt):
                     after_round()
@@ -335,7 +337,7 @@ def test_the_checkpoints_of_a_run_are_of_one_size(place: Path) -> None:
     registry = Registry.open(place)
     for kind in ("train", "paddle default"):
         with kept() as found:
-            begin(kind, registry, Pace(0.0), rounds=5)
+            begin(kind, registry, Checkpointer(0.0), rounds=5)
         sizes = [each.bytes for each in found]
         assert len(sizes) == 5 and max(sizes) < 1.02 * min(sizes)
 
@@ -366,16 +368,16 @@ def test_a_run_goes_on_in_one_process_only(place: Path) -> None:
     registry = Registry.open(place)
     run = stopped(registry)
     with registry.files.hold(run), pytest.raises(RegistryBusyError, match="another process"):
-        resume(run, registry, quiet, Pace())
+        resume(run, registry, quiet, Checkpointer())
     assert registry.run(run).status == "interrupted"
 
 
 def test_what_isnt_resumed(place: Path) -> None:
     registry = Registry.open(place)
     with pytest.raises(UsageError, match="run-1 is finished"):
-        resume("run-1", registry, quiet, Pace())
+        resume("run-1", registry, quiet, Checkpointer())
     with pytest.raises(NotFoundError):
-        resume("run-99", registry, quiet, Pace())
+        resume("run-99", registry, quiet, Checkpointer())
 
 
 def test_a_run_that_died_after_its_policy_was_kept_gets_no_second_one(
@@ -388,10 +390,10 @@ def test_a_run_that_died_after_its_policy_was_kept_gets_no_second_one(
 
     with monkeypatch.context() as patch, pytest.raises(MemoryError):
         patch.setattr(runner, "figures_of", dies)
-        train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet, Pace(0.0))
+        train_source(TrainJob("GapBall", 0, FRAMES, SMALL), registry, quiet, Checkpointer(0.0))
     run = registry.runs()[0]
     count = len(registry.policies())
-    resume(run.id, registry, quiet, Pace())
+    resume(run.id, registry, quiet, Checkpointer())
     assert len(registry.policies()) == count
     assert registry.run(run.id).policy == run.policy
     assert ended(registry, run.id) == unbroken["train"]
@@ -400,12 +402,12 @@ def test_a_run_that_died_after_its_policy_was_kept_gets_no_second_one(
 def test_a_resumption_that_cannot_begin_leaves_the_run_as_it_was(tmp_path: Path) -> None:
     registry = Registry.open(tmp_path / "registry")
     with small(), pytest.raises(KeyboardInterrupt):
-        begin("train", registry, Pace(stop=StopAfter(3)))
+        begin("train", registry, Checkpointer(stop=StopAfter(3)))
     before = registry.run("run-1")
     for arrays in (registry.folder / "runs" / "run-1" / "checkpoints").glob("*.safetensors"):
         arrays.rename(arrays.with_suffix(".away"))
     with small(), pytest.raises(IntegrityError):
-        resume("run-1", registry, quiet, Pace())
+        resume("run-1", registry, quiet, Checkpointer())
     after = registry.run("run-1")
     assert (after.status, after.frames, after.episodes) == ("interrupted", before.frames, before.episodes)
     assert before.frames > 0
@@ -413,5 +415,5 @@ def test_a_resumption_that_cannot_begin_leaves_the_run_as_it_was(tmp_path: Path)
     for arrays in (registry.folder / "runs" / "run-1" / "checkpoints").glob("*.away"):
         arrays.rename(arrays.with_suffix(".safetensors"))
     with small():
-        resume("run-1", registry, quiet, Pace())
+        resume("run-1", registry, quiet, Checkpointer())
     assert registry.run("run-1").status == "finished"

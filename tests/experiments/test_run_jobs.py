@@ -25,7 +25,7 @@ from paddlectl.scenario import Scenario
 from paddlectl.tasks.suite import load
 from samples import ROOT
 
-FRAMES = HybridSettings().lanes * HybridSettings().block  # of one block
+FRAMES = HybridSettings().num_envs * HybridSettings().rollout_steps  # of one block
 
 
 def test_rows_are_in_the_order_of_the_jobs(trained):

@@ -12,7 +12,7 @@ from paddlectl.hybrid.policy import HybridSettings
 from paddlectl.registry.store import Registry
 from samples import ROOT
 
-BLOCK = HybridSettings().lanes * HybridSettings().block
+BLOCK = HybridSettings().num_envs * HybridSettings().rollout_steps
 
 
 def train(registry):

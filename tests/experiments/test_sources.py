@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
+from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.jobs import TrainJob, TransferJob
-from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.resuming import job_of, resume
 from paddlectl.experiments.runner import run_transfer
 from paddlectl.experiments.sources import resolve, unlearned
@@ -235,14 +235,14 @@ def test_a_paired_transfer_is_resumed_explained_exported_and_imported(
     with small():
         unbroken = run_transfer(job, twice, quiet)
         with suppress(KeyboardInterrupt):
-            run_transfer(job, twice, quiet, Pace(stop=StopAfter(2)))
+            run_transfer(job, twice, quiet, Checkpointer(stop=StopAfter(2)))
         run = twice.runs()[0]
         assert (run.status, run.sources) == ("interrupted", ids[1])
         assert (job_of(run).scenario, job_of(run).sources) == (asked, ids[1])  # type: ignore[union-attr]
         newer = twice.policy(ids[1][1])
         told = {k: v for k, v in dataclasses.asdict(newer).items() if k not in ("id", "created")}
         twice.add_policy(**told | {"checkpoint": twice.read_checkpoint(newer)})  # comes too late for this run
-        row = resume(run.id, twice, quiet, Pace())
+        row = resume(run.id, twice, quiet, Checkpointer())
     assert row["sources"] == unbroken["sources"] == list(ids[1])
     assert twice.policy(row["policy"]).checkpoint == twice.policy(unbroken["policy"]).checkpoint
     assert explanation_document(twice, twice.run(run.id))["sources"] == list(ids[1])

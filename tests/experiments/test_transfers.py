@@ -188,7 +188,7 @@ def test_equal_seeds_give_equal_policies_in_another_process(transfer):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"rules": GuidanceSettings(curiosity=0.0, least_reached=0.0)},
+        {"rules": GuidanceSettings(target_floor=0.0, drop_below_success=0.0)},
         {"changes": SMALL | {"credit": {"planned": False}, "sharpness": 2.0}},
     ],
     ids=lambda changes: next(iter(changes)),

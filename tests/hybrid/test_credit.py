@@ -5,7 +5,7 @@ import pytest
 
 from paddlectl.hybrid.credit import CreditSettings, credit, discounted_returns
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, task_heads
-from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, Outcome
 from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, OTHER, TASK, TWO
 
 KINDS = pytest.mark.parametrize("planned", [True, False], ids=["planned", "monte-carlo"])
@@ -35,14 +35,14 @@ class Learning:
 
     def telling(self, decisions, guide=0, lane=0):
         """Tells of a decision whenever it is asked to go on."""
-        level = 0
+        progress = 0
         for number, (scene, head, reward, reached) in enumerate(decisions):
             done = number + 1 == len(decisions)
-            paid = min(level + (reward > 0), LEVELS - 1)
-            following = 0 if done else decisions[number + 1][0] * LEVELS + paid
+            paid = min(progress + (reward > 0), PROGRESS - 1)
+            following = 0 if done else decisions[number + 1][0] * PROGRESS + paid
             columns = (
                 lane,
-                scene * LEVELS + level,
+                scene * PROGRESS + progress,
                 head,
                 guide,
                 3,
@@ -53,9 +53,9 @@ class Learning:
                 False,
                 following,
             )
-            self._credit.decided(Outcome(*(np.array([column]) for column in columns)))
+            self._credit.on_decision_end(Outcome(*(np.array([column]) for column in columns)))
             yield
-            level = paid
+            progress = paid
 
 
 SOLVED = [(NEAR_SCENE, TWO, 0.0, True), (FAR_SCENE, END, 0.9, True)]

@@ -9,7 +9,7 @@ from paddlectl.methods.base import Setup
 from paddlectl.methods.hdm import HDM
 from scripted import TASK, learning
 
-SMALL = HybridSettings(lanes=4, block=16, low_level=PPOSettings(epochs=1))
+SMALL = HybridSettings(num_envs=4, rollout_steps=16, low_level=PPOSettings(epochs=1))
 
 
 def train(seed, frames=320):

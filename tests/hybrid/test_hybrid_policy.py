@@ -7,13 +7,13 @@ import torch
 from paddlectl.hybrid.policy import (
     HybridPolicy,
     HybridSettings,
-    OwnProgram,
+    ProgramSelector,
     domain_heads,
     sample_rows,
     sharpened,
     task_heads,
 )
-from paddlectl.hybrid.rollout import LEVELS
+from paddlectl.hybrid.rollout import PROGRESS
 from paddlectl.logic.atoms import Literal
 from paddlectl.logic.clauses import Clause
 from scripted import END, FAR, FAR_SCENE, GT_END, GT_MOON, GT_TWO, MOON, NEAR_SCENE, TASK, TWO
@@ -62,24 +62,24 @@ def test_heads_are_numbered_by_the_domain():
 
 
 def test_heads_are_played_as_often_as_the_program_says(policy):
-    chooser = OwnProgram(policy, np.random.default_rng(0))
-    guides, heads = chooser.choose(np.arange(20_000), np.full(20_000, FAR_SCENE * LEVELS + 2))
+    selector = ProgramSelector(policy, np.random.default_rng(0))
+    guides, heads = selector.select(np.arange(20_000), np.full(20_000, FAR_SCENE * PROGRESS + 2))
     assert not guides.any()
     assert np.bincount(heads, minlength=4) / 20_000 == pytest.approx([0.0, 0.1, 0.8, 0.1], abs=0.01)
 
 
 def test_a_sharpened_program_is_played_crisper(policy):
-    chooser = OwnProgram(policy, np.random.default_rng(0), sharpness=3.0)
-    _, heads = chooser.choose(np.arange(20_000), np.full(20_000, FAR_SCENE * LEVELS + 2))
+    selector = ProgramSelector(policy, np.random.default_rng(0), sharpness=3.0)
+    _, heads = selector.select(np.arange(20_000), np.full(20_000, FAR_SCENE * PROGRESS + 2))
     assert (heads == END).mean() == pytest.approx(0.512 / 0.514, abs=0.003)
 
 
 def test_new_weights_are_played_after_a_refresh(policy):
-    chooser = OwnProgram(policy, np.random.default_rng(0))
+    selector = ProgramSelector(policy, np.random.default_rng(0))
     with torch.no_grad():
         policy.clauses.weights.copy_(torch.tensor([[0.0, 0.0, 99.0]] * 2))
-    chooser.refresh()
-    _, heads = chooser.choose(np.arange(50), np.zeros(50, np.intp))
+    selector.refresh()
+    _, heads = selector.select(np.arange(50), np.zeros(50, np.intp))
     assert (heads == MOON).all()
 
 

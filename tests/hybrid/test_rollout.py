@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from paddlectl.agents.interaction import Interaction
-from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Rollout
+from paddlectl.hybrid.rollout import PROGRESS, DecisionSettings, Rollout
 from paddlectl.learners.clauses import ClauseLearner
 from paddlectl.logic.templates import scenes
 from scripted import (
@@ -35,11 +35,13 @@ SETTINGS = DecisionSettings(max_steps=5, reached_reward=1.0, delay_cost=0.5, fai
 class Run:
     """A rollout at work in corridors, a block at a time."""
 
-    def __init__(self, lanes, chooser, *actors, settings=SETTINGS):
+    def __init__(self, num_envs, selector, *actors, settings=SETTINGS):
         reader = ClauseLearner((FAR,), scenes((FAR,)), TASK.heads, 0)
         rng = np.random.default_rng(0)
-        self.environment = Corridor(lanes, 0)
-        self._rollout = Rollout(lanes, reader, chooser, actors, settings, block(1, lanes), rng, [chooser])
+        self.environment = Corridor(num_envs, 0)
+        self._rollout = Rollout(
+            num_envs, reader, selector, actors, settings, block(1, num_envs), rng, [selector]
+        )
         self._interaction = Interaction(self.environment, self._rollout)
 
     @property
@@ -57,7 +59,7 @@ def decided(teller):
     """scene, head, steps, extrinsic reward, reached: of each episode that ended, in order of ending."""
     going_on, ended = {}, []
     for told in teller.told:
-        columns = (told.situations // LEVELS, told.heads, told.steps, told.rewards, told.reached)
+        columns = (told.scene_states // PROGRESS, told.heads, told.steps, told.rewards, told.reached)
         for lane, done, *decision in zip(told.lanes, told.done, *columns, strict=True):
             going_on.setdefault(lane, []).append(tuple(value.item() for value in decision))
             if done:
@@ -129,21 +131,23 @@ def test_the_episode_and_its_decisions(played):
     assert episode.scenes == (NEAR_SCENE, FAR_SCENE), "each once, however many decisions were taken there"
 
 
-def test_the_chooser_is_asked_when_a_decision_has_ended_and_told_what_came_of_it(played):
+def test_the_selector_is_asked_when_a_decision_has_ended_and_told_what_came_of_it(played):
     _, teller, _, _ = played
     scenes_asked = [NEAR_SCENE] * 3 + [FAR_SCENE] * 2 + [NEAR_SCENE]
     assert teller.asked == [[(0, scene)] for scene in scenes_asked]
-    told = [(*map(int, (o.situations[0] // LEVELS, o.heads[0], o.steps[0])), o.done[0]) for o in teller.told]
+    told = [
+        (*map(int, (o.scene_states[0] // PROGRESS, o.heads[0], o.steps[0])), o.done[0]) for o in teller.told
+    ]
     assert told[:5] == [(*each[:3], done) for each, done in zip(DECIDED, [False] * 4 + [True], strict=True)]
-    led_to = [int(o.next_situations[0] // LEVELS) for o in teller.told[:4]]
+    led_to = [int(o.next_scene_states[0] // PROGRESS) for o in teller.told[:4]]
     assert led_to == [NEAR_SCENE, NEAR_SCENE, FAR_SCENE, FAR_SCENE]
 
 
 def test_a_situation_tells_how_many_decisions_were_paid(played):
     _, teller, _, _ = played
-    assert teller.levels == [[0], [1], [1], [1], [1], [0]]
-    assert [int(o.situations[0] % LEVELS) for o in teller.told] == [0, 1, 1, 1, 1, 0]
-    assert [int(o.next_situations[0] % LEVELS) for o in teller.told[:4]] == [1, 1, 1, 1]
+    assert teller.progress == [[0], [1], [1], [1], [1], [0]]
+    assert [int(o.scene_states[0] % PROGRESS) for o in teller.told] == [0, 1, 1, 1, 1, 0]
+    assert [int(o.next_scene_states[0] % PROGRESS) for o in teller.told[:4]] == [1, 1, 1, 1]
 
 
 def test_an_episode_that_is_cut_off_ends_its_decision_unreached():

@@ -100,7 +100,7 @@ def test_at_every_step_it_explores_by_its_rate_and_less_once_it_has_learned():
     states = np.ones((2000, 1), np.float32)
     best = learner.dqn.values(states[:1]).argmax()
     learner.dqn.exploration = 0.5
-    for actor, rate in ((learner, 0.5), (learner.frozen(), 0.25), (learner.guide(), 0.25)):
+    for actor, rate in ((learner, 0.5), (learner.eval_actor(), 0.25), (learner.teacher_actor(), 0.25)):
         actions, log_probs = actor.act(states, np.random.default_rng(0))
         assert np.mean(actions != best) == pytest.approx(rate / 2, abs=0.03)
         assert log_probs.tolist() == [0.0] * 2000

@@ -56,7 +56,7 @@ def test_sampled_actions_follow_their_probabilities():
 def test_once_frozen_it_explores_less():
     """Probabilities go as their squares: 0.5, 0.3, 0.2 to 25, 9 and 4 of 38."""
     learner = of_fixed_probabilities(0.5, 0.3, 0.2)
-    actions, _ = learner.frozen().act(np.zeros((20_000, 3), np.float32), RNG)
+    actions, _ = learner.eval_actor().act(np.zeros((20_000, 3), np.float32), RNG)
     assert np.bincount(actions) / 20_000 == pytest.approx([25 / 38, 9 / 38, 4 / 38], abs=0.02)
 
 
@@ -216,7 +216,7 @@ def test_an_heir_has_the_same_preferences_weakened():
     with torch.no_grad():
         elder.actor[-1].weight.mul_(100.0)
     before = {name: tensor.clone() for name, tensor in elder.state().items()}
-    heir.inherit(elder.state(), 0.5)
+    heir.warm_start(elder.state(), 0.5)
     observation = torch.tensor([[0.3, -1.0, 2.0]])
     roots = elder.actor(observation).softmax(-1).sqrt()
     assert torch.allclose(heir.actor(observation).softmax(-1), roots / roots.sum(), atol=1e-6)

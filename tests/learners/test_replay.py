@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from paddlectl.learners.buffers import RolloutBuffer
-from paddlectl.learners.exploration import Errands
+from paddlectl.learners.goal_exploration import GoalExploration
 from paddlectl.learners.replay import Hindsight, Replay
 
 LANES, STEPS = 2, 8
@@ -136,10 +136,11 @@ def test_places_come_up_evenly():
     assert counts.min() > 150
 
 
-def test_errands_take_their_share_of_the_time():
-    made, errands, rng = replay(Hindsight(goal_size=1)), Errands(1, steps=5.0), np.random.default_rng(0)
+def test_goals_of_exploration_take_their_share_of_the_time():
+    made, exploration = replay(Hindsight(goal_size=1)), GoalExploration(1, steps=5.0)
+    rng = np.random.default_rng(0)
     observations = np.tile(np.array([0.0, 0.0, -1.0], np.float32), (50, 1))
-    sent = np.array([errands.send(observations, made, 0.3, rng)[:, 2] for _ in range(600)])
+    sent = np.array([exploration.send(observations, made, 0.3, rng)[:, 2] for _ in range(600)])
     away = sent != -1.0
     assert away.mean() == pytest.approx(0.3, abs=0.05)
     assert set(np.unique(sent[away])) <= set(np.unique(made.following[:STEPS, :, 0]))

@@ -47,7 +47,7 @@ def test_the_defaults_are_those_of_table_1():
     assert (settings.learning_rate, settings.optimiser, settings.discount) == (2e-4, "rmsprop", 0.99)
     assert (settings.batch, settings.update_every, settings.policy_noise) == (256, 2, 0.2)
     assert settings.hidden == (400, 400, 400)
-    assert not (settings.errands or settings.hindsight or settings.lower_bound or settings.grid)
+    assert not (settings.goal_exploration or settings.hindsight or settings.lower_bound or settings.grid)
 
 
 def bandit_block(learner: TD3, rng: np.random.Generator) -> RolloutBuffer:
@@ -72,7 +72,7 @@ def test_it_learns_the_action_that_is_named():
     learner = trained(0)
     assert learner.updates == 40 * 16
     seen = np.random.default_rng(1).uniform(-0.8, 0.8, (200, 2)).astype(np.float32)
-    actions, log_probs = learner.frozen().act(seen, RNG)
+    actions, log_probs = learner.eval_actor().act(seen, RNG)
     assert np.abs(actions[:, 0] - seen[:, 0]).mean() < 0.12
     assert not log_probs.any()
 
@@ -104,7 +104,7 @@ def test_the_slow_copies_lag_behind_and_guides_are_played_by_them():
     learner = trained(0, blocks=4)
     seen = np.zeros((1, 2), np.float32)
     slow = learner.slow.actor(torch.zeros(1, 2)).tanh().item()
-    assert learner.guide().act(seen, RNG)[0].item() == pytest.approx(slow)
+    assert learner.teacher_actor().act(seen, RNG)[0].item() == pytest.approx(slow)
     assert learner.online.actor(torch.zeros(1, 2)).tanh().item() != pytest.approx(slow, abs=1e-6)
 
 
@@ -148,7 +148,7 @@ def test_a_code_interpolates_between_the_points_of_its_grid():
 
 def test_what_is_inherited_is_used_at_once():
     learner, heir = trained(0, blocks=4), TD3(2, 1, 5, TD3Settings(**SMALL, exploration=0.0))
-    heir.inherit(learner.state(), 0.7)
+    heir.warm_start(learner.state(), 0.7)
     seen = np.random.default_rng(0).uniform(-0.8, 0.8, (50, 2)).astype(np.float32)
     expected = learner.online.actor(torch.from_numpy(seen)).tanh().detach().numpy()
     np.testing.assert_allclose(heir.act(seen, RNG)[0], expected, atol=1e-6)
@@ -170,12 +170,12 @@ def guided_block(rng: np.random.Generator) -> RolloutBuffer:
 def test_who_clones_learns_what_guides_did_that_reached_their_subgoal_and_nothing_else():
     heir = TD3(2, 1, 5, TD3Settings(**SMALL, update_every=16, cloning=True))
     given = {name: value.clone() for name, value in trained(0, blocks=4).state().items()}
-    heir.inherit(given, 0.7)
+    heir.warm_start(given, 0.7)
     rng = np.random.default_rng(0)
     for _ in range(40):
         heir.update(guided_block(rng))
     seen = rng.uniform(-0.8, 0.8, (200, 2)).astype(np.float32)
-    assert np.abs(heir.frozen().act(seen, RNG)[0] - seen[:, :1] / 2).mean() < 0.03
+    assert np.abs(heir.eval_actor().act(seen, RNG)[0] - seen[:, :1] / 2).mean() < 0.03
     critics = [name for name in given if name.startswith("online.critics")]
     assert critics and all(torch.equal(heir.state()[name], given[name]) for name in critics)
 
@@ -183,7 +183,7 @@ def test_who_clones_learns_what_guides_did_that_reached_their_subgoal_and_nothin
 def test_who_clones_does_not_explore_and_learns_nothing_by_itself():
     heir = TD3(2, 1, 5, TD3Settings(**SMALL, cloning=True, exploration=1.0, random_actions=1.0))
     given = {name: value.clone() for name, value in trained(0, blocks=4).state().items()}
-    heir.inherit(given, 0.7)
+    heir.warm_start(given, 0.7)
     seen = np.zeros((50, 2), np.float32)
     assert np.ptp(heir.act(seen, RNG)[0]) < 1e-6
     heir.update(bandit_block(heir, np.random.default_rng(0)))

@@ -1,4 +1,4 @@
-"""CompoNet's module as worked by hand, what PPO changes of it, and the account of who was followed."""
+"""CompoNet's module as worked by hand, what PPO changes of it, and the record of who was followed."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from paddlectl.scenario import Scenario
 from scripted import RIGHT, TASK, learning
 
 SCENARIO = Scenario(name="A", target="BoxDoor", sources=("DoorBall", "OpenGoal"))
-FEW = {"lanes": 2, "block": 16, "learner": {"width": 8}}
+FEW = {"num_envs": 2, "rollout_steps": 16, "learner": {"width": 8}}
 
 
 def linear(*weights):

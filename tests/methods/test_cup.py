@@ -155,12 +155,12 @@ def flat_source(name, task, method, **changes):
 SMALL_TD3 = {
     "learner": {
         "hidden": (16,), "warm_up": 8, "update_every": 2, "batch": 8, "capacity": 1000,
-        "learning_rate": 0.01, "tracking": 0.5,
+        "learning_rate": 0.01, "tau": 0.5,
     }
 }  # fmt: skip
 KINDS = {
-    "discrete": ("BlockedBoxUnlockPickup", "BoxDoor", "ppo", {"lanes": 2, "block": 8}),
-    "continuous": ("CoffeeMailMaze", "MailMaze", "td3", {"lanes": 2, "block": 8, **SMALL_TD3}),
+    "discrete": ("BlockedBoxUnlockPickup", "BoxDoor", "ppo", {"num_envs": 2, "rollout_steps": 8}),
+    "continuous": ("CoffeeMailMaze", "MailMaze", "td3", {"num_envs": 2, "rollout_steps": 8, **SMALL_TD3}),
 }
 
 
@@ -170,7 +170,7 @@ def made(kind, start, **changes):
     task = load(target)
     settings = CUP.settings_for(task, None, few, {"start": start, **changes})
     sources = [flat_source("policy-1", load(source), teacher, **few)]
-    round_ = settings.lanes * settings.block * settings.repeat
+    round_ = settings.num_envs * settings.rollout_steps * settings.action_repeat
     return learning(CUP, Setup(task, settings, 0, 100 * round_, sources))
 
 
@@ -178,7 +178,7 @@ def alone(kind):
     target, _, teacher, few = KINDS[kind]
     task, method = load(target), method_of(teacher)
     settings = method.settings_for(task, None, few)
-    round_ = settings.lanes * settings.block * settings.repeat
+    round_ = settings.num_envs * settings.rollout_steps * settings.action_repeat
     return learning(method, Setup(task, settings, 0, 100 * round_))
 
 
@@ -232,7 +232,7 @@ def test_in_a_minibatch_each_state_has_its_own_guide(monkeypatch, normalised, un
     guided, given = made("discrete", start=0.0, normalised=normalised), []
     agent, learner = guided.agent, guided.agent.policy().learner
     (source,) = agent._sources
-    source.inherit(source.state(), 100.0)  # far from the target
+    source.warm_start(source.state(), 100.0)  # far from the target
     values = torch.from_numpy(np.random.default_rng(0).normal(size=(2 * 8, 7)).astype(np.float32))
 
     def targets(buffer, policy):
@@ -259,7 +259,9 @@ def test_in_a_minibatch_each_state_has_its_own_guide(monkeypatch, normalised, un
 
 def test_ppo_is_drawn_to_a_source_that_does_what_is_valued(monkeypatch):
     source = flat_source("policy-1", CORRIDOR, "ppo")
-    settings = CUP.settings_for(CORRIDOR, None, {"lanes": 4, "block": 8, "start": 0.0, "weight": 1e4})
+    settings = CUP.settings_for(
+        CORRIDOR, None, {"num_envs": 4, "rollout_steps": 8, "start": 0.0, "weight": 1e4}
+    )
     before = {name: tensor.clone() for name, tensor in source.policy.state().items()}
     prefers = torch.tensor([0.0, 0.0, 3.0])
     monkeypatch.setattr(

@@ -24,7 +24,7 @@ TASKS = {
     "discrete": ("BlockedBoxUnlockPickup", ("BlockedDoor", "GapBall")),
     "continuous": ("CoffeeMailMaze", ("CoffeeMaze", "MailMaze")),
 }
-FEW = {"lanes": 2, "block": 4}
+FEW = {"num_envs": 2, "rollout_steps": 4}
 EACH = pytest.mark.parametrize(
     ("name", "actions"), [(name, kind) for name in METHODS for kind in sorted(METHODS[name].actions)]
 )
@@ -91,7 +91,7 @@ def test_it_acts_observes_updates_and_tells(name, actions):
     assert [round_.frames for round_ in rounds] == [made.round * (n + 1) for n in range(2)]
     assert all(np.isfinite(list(round_.figures.values())).all() for round_ in rounds)
     given = made.agent.act(environment)
-    assert given.shape == (environment.lanes, *environment.actions.shape)
+    assert given.shape == (environment.num_envs, *environment.actions.shape)
     environment.step(given)
     told = [made.agent.record(made.frames, [], 0), made.agent.close(), made.agent.documents()]
     assert all(json.dumps(value) for value in told)

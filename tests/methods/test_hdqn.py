@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from paddlectl.agents.interaction import Learning
-from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, DecisionSettings, Outcome
 from paddlectl.learners.clauses import ClauseSettings
 from paddlectl.methods.hdqn import HDQNAgent, HDQNPolicy, HDQNSettings, MetaController
 from scripted import END, HORIZON, RIGHT, STAY, TASK, TWO, ByScript, Corridor
@@ -30,13 +30,13 @@ def test_a_batch_of_three_lanes_of_four(monkeypatch):
     meta = MetaController(made, 4, np.random.default_rng(0))
     began = np.arange(16, dtype=np.float32).reshape(4, 4)
     meta.state = began
-    meta.choose(np.arange(4), np.zeros(4, np.intp))
+    meta.select(np.arange(4), np.zeros(4, np.intp))
     meta.state = 100 + began
     # going on after one step, solved after two, cut off by the horizon after one; lane 1 hasn't ended
-    meta.decided(
+    meta.on_decision_end(
         Outcome(
             lanes=np.array([0, 2, 3]),
-            situations=np.zeros(3, np.intp),
+            scene_states=np.zeros(3, np.intp),
             heads=np.array([END, TWO, END]),
             guides=np.zeros(3, np.intp),
             steps=np.array([1, 2, 1]),
@@ -45,7 +45,7 @@ def test_a_batch_of_three_lanes_of_four(monkeypatch):
             cut=np.array([False, False, True]),
             terminated=np.array([False, True, False]),
             truncated=np.array([False, False, True]),
-            next_situations=np.full(3, LEVELS),
+            next_scene_states=np.full(3, PROGRESS),
         )
     )
     (batch,) = batches
@@ -64,7 +64,7 @@ def states(batches, name):
 
 
 def learn(monkeypatch, heads, actions, frames):
-    settings = {"lanes": 1, "block": frames, "decisions": DecisionSettings(max_steps=5)}
+    settings = {"num_envs": 1, "rollout_steps": frames, "decisions": DecisionSettings(max_steps=5)}
     made, batches = policy(monkeypatch, *heads, **settings)
     made.low_level = ByScript(*actions)
     list(Learning(Corridor(1, 0), HDQNAgent(made, 0), frames))
@@ -94,7 +94,7 @@ def test_a_player_picks_the_best_and_learns_nothing(monkeypatch):
     monkeypatch.setattr(made.meta, "values", lambda states: values[states[:, 0].astype(int)])
     meta = MetaController(made, 2, np.random.default_rng(0), learns=False)
     meta.state = np.float32([[1], [0]])
-    assert meta.choose(np.array([0, 1]), np.zeros(2, np.intp))[1].tolist() == [END, TWO]
+    assert meta.select(np.array([0, 1]), np.zeros(2, np.intp))[1].tolist() == [END, TWO]
     made.low_level = ByScript(RIGHT)
     player = made.player(TASK, 1, np.random.SeedSequence(0))
     environment = Corridor(1, 0)

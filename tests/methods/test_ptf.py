@@ -144,10 +144,13 @@ class Scripted:
         return self.preferred.expand(len(states), -1)
 
 
-def agent(*learners, task=TASK, lanes=1, block=4, learner="ppo", **options):
+def agent(*learners, task=TASK, num_envs=1, rollout_steps=4, learner="ppo", **options):
     """Learns the task from sources that are scripted."""
     settings = PTFSettings(
-        lanes=lanes, block=block, learner=USUAL[learner].learner, options=replace(HALF, **options)
+        num_envs=num_envs,
+        rollout_steps=rollout_steps,
+        learner=USUAL[learner].learner,
+        options=replace(HALF, **options),
     )
     sources = [
         Source(f"policy-{n}", FlatPolicy(task, 0, FlatSettings(learner=settings.learner)), None)
@@ -232,7 +235,7 @@ def test_picks_are_random_the_less_the_more_episodes_ended():
 
 
 def test_a_block_teaches_the_current_option_and_is_told(monkeypatch):
-    made = agent(Scripted(0.0, 0.0, 1.0), Scripted(1.0, 0.0, 0.0), lanes=2, exploration=0.0)
+    made = agent(Scripted(0.0, 0.0, 1.0), Scripted(1.0, 0.0, 0.0), num_envs=2, exploration=0.0)
     kept = []
     monkeypatch.setattr(made._options, "learn", lambda *given: kept.append(given))
     monkeypatch.setattr(made._options, "values", lambda states: torch.tensor([[3.0, 1.0]]).expand(8, -1))
@@ -257,7 +260,7 @@ def test_a_block_teaches_the_current_option_and_is_told(monkeypatch):
 @pytest.mark.parametrize("weight, same", [(0.0, True), (1.0, False)])
 def test_without_imitation_it_is_the_learner_alone(weight, same):
     made = agent(Scripted(*LEFTWARD), imitation=weight)
-    alone = method_of("ppo").make(Setup(TASK, replace(USUAL["ppo"], lanes=1, block=4), 0, 100))
+    alone = method_of("ppo").make(Setup(TASK, replace(USUAL["ppo"], num_envs=1, rollout_steps=4), 0, 100))
     for each in (made, alone):
         list(Learning(Corridor(1, 0), each, 8))
     mine, theirs = made.policy().state(), alone.policy().state()
@@ -265,7 +268,7 @@ def test_without_imitation_it_is_the_learner_alone(weight, same):
 
 
 def test_the_target_comes_to_do_as_its_source():
-    made = agent(Scripted(0.01, 0.01, 0.98), lanes=4, block=16)
+    made = agent(Scripted(0.01, 0.01, 0.98), num_envs=4, rollout_steps=16)
     list(Learning(Corridor(4, 0), made, 640))
     assert isinstance(made, PTFOverPPO)
     states = torch.from_numpy(Corridor(4, 0).flat_state())

@@ -36,15 +36,15 @@ class Known(ByScript):
         self.blocks.append({name: column.copy() for name, column in vars(buffer).items()})
 
 
-def policy(learner, lanes=1, steps=3):
-    made = FlatPolicy(TASK, 0, FlatSettings(lanes=lanes, block=steps))
+def policy(learner, num_envs=1, steps=3):
+    made = FlatPolicy(TASK, 0, FlatSettings(num_envs=num_envs, rollout_steps=steps))
     made.learner = learner
     return made
 
 
-def agent(learner, *sources, lanes=1, steps=3):
+def agent(learner, *sources, num_envs=1, steps=3):
     named = {f"policy-{n}": policy(source) for n, source in enumerate(sources, start=1)}
-    return QMPAgent(policy(learner, lanes, steps), np.random.default_rng(0), named, 10**6)
+    return QMPAgent(policy(learner, num_envs, steps), np.random.default_rng(0), named, 10**6)
 
 
 def told(made):
@@ -75,7 +75,7 @@ def test_by_the_targets_own_q_a_source_acts_where_it_is_better():
 
 
 def test_it_is_told_who_acted_and_what_their_actions_were_worth():
-    made = agent(Known(LEFT, RIGHT, STAY), ByScript(RIGHT, RIGHT, LEFT), ByScript(STAY), lanes=2, steps=3)
+    made = agent(Known(LEFT, RIGHT, STAY), ByScript(RIGHT, RIGHT, LEFT), ByScript(STAY), num_envs=2, steps=3)
     list(Learning(Corridor(2, 0), made, 6))
     # left, right, stay; right, right, stay, a tie; stay, left, stay, a tie: of two lanes each
     assert told(made) == {
@@ -135,14 +135,15 @@ def test_a_source_acts_only_where_a_dqn_explores():
     for rate in (0.0, 0.5, 1.0):
         target = StepDQNSettings().learner(4, 3, 0)
         target.dqn.exploration = rate
-        made = agent(target, StepDQNSettings().learner(4, 3, 1), lanes=100)
+        made = agent(target, StepDQNSettings().learner(4, 3, 1), num_envs=100)
         made.act(Corridor(100, 0))
         shares.append(1.0 - told(made)["target"][0] / 100)
     assert shares[0] == 0.0 and shares[0] < shares[1] < shares[2]
 
 
 def test_td3_proposes_as_it_explores_and_its_source_what_it_means():
-    task, settings = load("MailMaze"), FlatSettings(lanes=50, block=2, learner=TD3Settings(hidden=(8,)))
+    task, learner = load("MailMaze"), TD3Settings(hidden=(8,))
+    settings = FlatSettings(num_envs=50, rollout_steps=2, learner=learner)
     target, source = FlatPolicy(task, 0, settings), FlatPolicy(task, 1, settings)
     environment = task.make(50, 0)
     states = environment.flat_state()
@@ -156,7 +157,11 @@ def test_td3_proposes_as_it_explores_and_its_source_what_it_means():
     assert own.dtype == np.float32 and np.abs(own).max() <= 1.0
 
 
-SMALL = {"lanes": 2, "block": 4, "learner": {"warm_up": 8, "update_every": 2, "batch": 8, "capacity": 1000}}
+SMALL = {
+    "num_envs": 2,
+    "rollout_steps": 4,
+    "learner": {"warm_up": 8, "update_every": 2, "batch": 8, "capacity": 1000},
+}
 
 
 @pytest.mark.parametrize(

@@ -13,16 +13,16 @@ from paddlectl.methods.catalogue import Entry
 @dataclass(frozen=True)
 class Settings:
     frames: int = 20_000
-    lanes: int = 8
-    block: int = 16
-    repeat: int = 1
+    num_envs: int = 8
+    rollout_steps: int = 16
+    action_repeat: int = 1
     noise: float = 0.5
 
 
 class Linear(Policy):
     def __init__(self, task, seed, settings):
         environment = task.make(1, 0)
-        self.task, self.settings, self.action_repeat = task, settings, settings.repeat
+        self.task, self.settings, self.action_repeat = task, settings, settings.action_repeat
         self.weights = np.zeros((environment.flat_size, environment.actions.size), np.float32)
 
     def player(self, task, environments, seed):
@@ -56,7 +56,7 @@ class Attempt:
 
 class ClimbingAgent(Agent):
     def __init__(self, policy, seed):
-        self.rollout_steps = policy.settings.block
+        self.rollout_steps = policy.settings.rollout_steps
         self._policy, self._rng, self._best = policy, np.random.default_rng(seed), -np.inf
         self._attempt = Attempt(policy.weights)
 

@@ -21,15 +21,15 @@ class Corridor(Environment):
     flat_size = 6
     actions = Actions(2)
 
-    def __init__(self, coin_needed, lanes, seed, repeat=1, split="training"):
-        self.lanes, self.repeat = lanes, repeat
+    def __init__(self, coin_needed, num_envs, seed, action_repeat=1, split="training"):
+        self.num_envs, self.action_repeat = num_envs, action_repeat
         self._coin_needed, self._split, self._rng = coin_needed, split, np.random.default_rng(seed)
-        self.place, self.length, self.t = np.zeros((3, lanes), np.intp)
-        self.coin_left, self.coin, self.finished = np.zeros((3, lanes), np.bool_)
+        self.place, self.length, self.t = np.zeros((3, num_envs), np.intp)
+        self.coin_left, self.coin, self.finished = np.zeros((3, num_envs), np.bool_)
         self.reset()
 
     def reset(self, lanes=None):
-        waiting = np.arange(self.lanes) if lanes is None else np.flatnonzero(lanes)
+        waiting = np.arange(self.num_envs) if lanes is None else np.flatnonzero(lanes)
         self.coin[waiting] = self.finished[waiting] = False
         self.t[waiting] = 0
         while len(waiting):
@@ -45,9 +45,9 @@ class Corridor(Environment):
             waiting = waiting[~fits]
 
     def step(self, actions):
-        actions = self.actions.checked(actions, (self.lanes,))
+        actions = self.actions.checked(actions, (self.num_envs,))
         step = self._step(actions)
-        for _ in range(self.repeat - 1):
+        for _ in range(self.action_repeat - 1):
             step = step.then(self._step(actions))
         return step
 
@@ -56,8 +56,10 @@ class Corridor(Environment):
         self.place += np.where(running, 2 * actions - 1, 0)
         np.clip(self.place, 0, self.length - 1, out=self.place)
         self.t += running
-        self.coin |= self._at(np.zeros(self.lanes, np.intp))
-        solved = running & self._at(np.ones(self.lanes, np.intp)) & (self.coin | ~np.bool_(self._coin_needed))
+        self.coin |= self._at(np.zeros(self.num_envs, np.intp))
+        solved = (
+            running & self._at(np.ones(self.num_envs, np.intp)) & (self.coin | ~np.bool_(self._coin_needed))
+        )
         cut = running & (self.t >= HORIZON) & ~solved
         self.finished |= solved | cut
         score = (solved * (1 - 0.9 * self.t / HORIZON)).astype(np.float32)

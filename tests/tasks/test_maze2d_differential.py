@@ -28,7 +28,7 @@ def test_both_faces_agree(task):
     env.reset(seed=0)
     contacts, ends = 0, []
     for episode in range(EPISODES):
-        engine = Engine(SPECS[task], 1, 0, repeat=1)
+        engine = Engine(SPECS[task], 1, 0, action_repeat=1)
         start = draw_starts(rng, 1)
         engine.set_starts(start)
         env.place(start[0])

@@ -14,9 +14,9 @@ ERRANDS = {"CoffeeMaze": (0, 1, 4), "MailMaze": (2, 3, 4), "CoffeeMailMaze": (0,
 COFFEE, COFFEE_OFFICE, MAIL, MAIL_OFFICE, BALL = range(5)
 
 
-def at(task: str, *places: int, repeat: int = 1) -> tuple[Engine, list[float]]:
+def at(task: str, *places: int, action_repeat: int = 1) -> tuple[Engine, list[float]]:
     """An engine whose ball was set down at rest at these places in turn, and the rewards of each."""
-    engine, rewards = Engine(SPECS[task], 1, 0, repeat), []
+    engine, rewards = Engine(SPECS[task], 1, 0, action_repeat), []
     for place in places:
         engine.masses.put(np.array([0]), PLACES[[place]])
         rewards.append(float(engine.step(REST).reward[0]))
@@ -64,7 +64,7 @@ def test_the_ball_ends_the_episode_once_all_is_delivered():
 
 
 def test_an_action_is_cut_short_by_the_end_of_the_episode():
-    engine, _ = at("CoffeeMaze", COFFEE, COFFEE_OFFICE, repeat=10)
+    engine, _ = at("CoffeeMaze", COFFEE, COFFEE_OFFICE, action_repeat=10)
     engine.masses.put(np.array([0]), PLACES[[BALL]])
     step = engine.step(REST)
     assert (engine.t[0], bool(step.terminated[0])) == (21, True)
@@ -88,7 +88,7 @@ def test_availability_by_hand():
 
 
 def test_a_place_passed_by_within_an_action_is_reached():
-    engine = Engine(SPECS["MailMaze"], 1, 0, repeat=40)
+    engine = Engine(SPECS["MailMaze"], 1, 0, action_repeat=40)
     engine.set_starts(PLACES[[MAIL]] + (0.0, 1.0))
     engine.step(np.array([[0.0, -1.0]], np.float32))
     assert engine.masses.position[0, 1] < PLACES[MAIL, 1] - 0.4
@@ -99,7 +99,7 @@ def test_a_place_passed_by_within_an_action_is_reached():
 @pytest.mark.parametrize("task", SPECS)
 def test_every_head_can_be_reached_and_the_task_be_solved(task):
     """A walk through the task pays each errand once and then the final reward, within the horizon."""
-    env = Engine(SPECS[task], 4, 0, repeat=10)
+    env = Engine(SPECS[task], 4, 0, action_repeat=10)
     heads = [suite.load(task).domain_heads.index(head) for head in SPECS[task].heads]
     walker, missing = Walker(*ERRANDS[task]), set(heads)
     total, scores, ended = np.zeros((3, 4))
@@ -116,7 +116,7 @@ def test_every_head_can_be_reached_and_the_task_be_solved(task):
 
 
 def test_an_unsolved_episode_ends_at_the_horizon():
-    env = Engine(SPECS["CoffeeMaze"], 2, 0, repeat=20)
+    env = Engine(SPECS["CoffeeMaze"], 2, 0, action_repeat=20)
     ends = [env.step(np.zeros((2, 2), np.float32)).truncated.copy() for _ in range(50)]
     assert not np.any(ends[:-1])
     assert ends[-1].all()

@@ -37,7 +37,7 @@ def planned(name: str, count: int) -> tuple[Layouts, list[list[int]]]:
 
 
 def heads_of(env, head: int) -> np.ndarray:
-    return np.full(env.lanes, head)
+    return np.full(env.num_envs, head)
 
 
 class AtRandom:
@@ -45,7 +45,7 @@ class AtRandom:
         self._rng = rng
 
     def act(self, env) -> np.ndarray:
-        return env.actions.sample(self._rng, env.lanes)
+        return env.actions.sample(self._rng, env.num_envs)
 
 
 # who plays a domain such that much of it is seen
@@ -55,9 +55,9 @@ PLAYERS = {"minigrid": AtRandom, "maze2d": lambda rng: Walker(rng=rng)}
 def play(name: str, seed: int = 0, steps: int = 400):
     """A rollout: (environment after the step, actions, step), finished lanes restarted afterwards."""
     task = suite.load(name)
-    env = task.make(LANES, seed, settings_for(task).repeat)
+    env = task.make(LANES, seed, settings_for(task).action_repeat)
     player = PLAYERS[task.domain](np.random.default_rng(seed))
-    for _ in range(2 * steps // (1 + env.repeat)):
+    for _ in range(2 * steps // (1 + env.action_repeat)):
         actions = player.act(env)
         step = env.step(actions)
         yield env, actions, step
@@ -68,7 +68,7 @@ def play(name: str, seed: int = 0, steps: int = 400):
 def test_spaces(name):
     task = suite.load(name)
     env = task.make(5, 0)
-    assert (task.name, env.lanes) == (name, 5)
+    assert (task.name, env.num_envs) == (name, 5)
     assert set(task.heads) <= set(task.domain_heads)
     assert len(set(task.vocabulary.atoms)) == len(task.vocabulary.atoms)
     step = env.step(env.actions.sample(np.random.default_rng(0), 5))
@@ -151,7 +151,7 @@ def test_time_counts_the_steps_since_the_start(name):
     for env, _, step in play(name, steps=700):
         lasted = env.t - lived
         done = step.terminated | step.truncated
-        assert ((lasted == env.repeat) | (done & (lasted > 0) & (lasted < env.repeat))).all()
+        assert ((lasted == env.action_repeat) | (done & (lasted > 0) & (lasted < env.action_repeat))).all()
         assert (env.t[step.truncated] == suite.load(name).horizon).all()
         lived = np.where(done, 0, env.t)
 
@@ -202,8 +202,8 @@ def test_a_finished_lane_rests(name):
 @TASKS
 def test_an_action_that_lasts_is_the_same_action_several_times(name):
     task, rng = suite.load(name), np.random.default_rng(0)
-    lasting, single = task.make(LANES, 0, repeat=4), task.make(LANES, 0)
-    assert (lasting.repeat, single.repeat) == (4, 1)
+    lasting, single = task.make(LANES, 0, action_repeat=4), task.make(LANES, 0)
+    assert (lasting.action_repeat, single.action_repeat) == (4, 1)
     ended = False
     for _ in range(task.horizon // 4 + 20):
         actions = lasting.actions.sample(rng, LANES)
@@ -223,10 +223,10 @@ def test_an_action_that_lasts_is_the_same_action_several_times(name):
 def test_equal_seeds_give_equal_trajectories(name):
     def trace(seed: int, actions_seed: int) -> bytes:
         task = suite.load(name)
-        env = task.make(LANES, seed, settings_for(task).repeat)
+        env = task.make(LANES, seed, settings_for(task).action_repeat)
         rng = np.random.default_rng(actions_seed)
         trace = []
-        for _ in range(660 // (1 + env.repeat)):
+        for _ in range(660 // (1 + env.action_repeat)):
             step = env.step(env.actions.sample(rng, LANES))
             env.reset(step.terminated | step.truncated)
             trace += [

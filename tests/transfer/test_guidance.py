@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from paddlectl.transfer.guidance import choose_guide, faded_weight, guidance_weight
+from paddlectl.transfer.guidance import faded_weight, guidance_weight, select_guide
 
 NEVER = -np.inf
 
@@ -13,7 +13,7 @@ def test_the_weight_is_the_sum_of_both_similarities():
     assert found.tolist() == [[0.625, NEVER, 0.25]]
 
 
-# ψ, Φ, decisions, fading, Λ = f·ψ + (1 - f)·Φ with f = fading^decisions
+# ψ, Φ, decisions, decay, Λ = f·ψ + (1 - f)·Φ with f = decay^decisions
 FADED = [
     (0.8, 0.0, 0.0, 0.5, 0.8),
     (0.8, 0.4, 1.0, 0.5, 0.6),
@@ -25,16 +25,16 @@ FADED = [
 ]
 
 
-@pytest.mark.parametrize(("similarity", "phi", "count", "fading", "weight"), FADED)
-def test_faded_weight_as_worked_by_hand(similarity, phi, count, fading, weight):
-    found = faded_weight(np.array([similarity]), np.array([phi]), np.array([count]), fading)
+@pytest.mark.parametrize(("similarity", "phi", "count", "decay", "weight"), FADED)
+def test_faded_weight_as_worked_by_hand(similarity, phi, count, decay, weight):
+    found = faded_weight(np.array([similarity]), np.array([phi]), np.array([count]), decay)
     assert found.item() == pytest.approx(weight)
 
 
 def choose(weights, times=400):
     """Which candidates lead, over many draws of one row."""
     rows = np.repeat(np.array([weights], float), times, axis=0)
-    return np.bincount(choose_guide(rows, np.random.default_rng(0)), minlength=len(weights)) / times
+    return np.bincount(select_guide(rows, np.random.default_rng(0)), minlength=len(weights)) / times
 
 
 def test_the_largest_weight_leads():
@@ -68,4 +68,4 @@ def test_without_sources_the_target_leads():
 
 def test_rows_choose_for_themselves():
     weights = np.array([[0.1, 0.2, 0.0], [0.3, 0.2, 0.0], [0.1, 0.2, 0.3]])
-    assert choose_guide(weights, np.random.default_rng(0)).tolist() == [1, 0, 2]
+    assert select_guide(weights, np.random.default_rng(0)).tolist() == [1, 0, 2]

@@ -10,7 +10,7 @@ import torch
 from paddlectl.agents.evaluation import evaluate
 from paddlectl.agents.interaction import Learning
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
-from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, DecisionSettings, Outcome
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseSettings
 from paddlectl.learners.ppo import PPO, PPOSettings
@@ -18,14 +18,14 @@ from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.methods.paddle import PaddleAgent
 from paddlectl.transfer import guides
-from paddlectl.transfer.account import Account
 from paddlectl.transfer.candidates import Source, candidates_of, most_similar
 from paddlectl.transfer.guidance import GuidanceSettings, PaperSettings
+from paddlectl.transfer.recorder import GuideRecorder
 from paddlectl.transfer.similarity import map_scenes
 from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, STAY, TASK, TWO, ByScript, Corridor, outcome
 
 NEVER = -np.inf
-SMALL = HybridSettings(lanes=4, block=16, low_level=PPOSettings(epochs=1))
+SMALL = HybridSettings(num_envs=4, rollout_steps=16, low_level=PPOSettings(epochs=1))
 
 # Four scenes; lit() is an atom that the target hasn't.
 LAMP = """
@@ -92,40 +92,40 @@ LETTER = PaperSettings(1.0, "clip", 0.0, "per_guide", 0.0, 0.0)
 """The equations as printed."""
 
 
-def one_of_each(mode, policy, given, lanes=1, seed=0, readings=LETTER):
+def one_of_each(mode, policy, given, num_envs=1, seed=0, readings=LETTER):
     made = candidates(policy, given)
     rng = np.random.default_rng(seed)
-    chooser = (
-        guides.PaperGuides(policy, made, lanes, rng, readings)
+    selector = (
+        guides.PaperGuides(policy, made, num_envs, rng, readings)
         if mode == "paper"
-        else guides.PlannedGuides(policy, made, lanes, rng, GuidanceSettings())
+        else guides.PlannedGuides(policy, made, num_envs, rng, GuidanceSettings())
     )
-    chooser.refresh()
-    return chooser
+    selector.refresh()
+    return selector
 
 
-def learning(policy, given, chooser, seed, frames):
-    environment = policy.task.make(policy.settings.lanes, seed, policy.action_repeat)
-    return Learning(environment, PaddleAgent(policy, given, chooser, {}, seed, frames), frames)
+def learning(policy, given, selector, seed, frames):
+    environment = policy.task.make(policy.settings.num_envs, seed, policy.action_repeat)
+    return Learning(environment, PaddleAgent(policy, given, selector, {}, seed, frames), frames)
 
 
-def decide(chooser, scene, lane=0):
-    guides, heads = chooser.choose(np.array([lane]), np.array([scene * LEVELS]))
+def decide(selector, scene, lane=0):
+    guides, heads = selector.select(np.array([lane]), np.array([scene * PROGRESS]))
     return int(guides[0]), int(heads[0])
 
 
-def tell(chooser, scene, head, reward, following=None, reached=False, lane=0):
+def tell(selector, scene, head, reward, following=None, reached=False, lane=0):
     """What came of the lane's decision; the episode is over if nothing follows."""
-    chooser.decided(outcome(scene * LEVELS, head, reward, following, reached, lane))
+    selector.on_decision_end(outcome(scene * PROGRESS, head, reward, following, reached, lane))
 
 
-def play(chooser, steps, lane=0):
+def play(selector, steps, lane=0):
     """An episode of (scene, reward) decisions; gives the guides that led."""
     led = []
     for number, (scene, reward) in enumerate(steps):
-        guide, head = decide(chooser, scene, lane)
+        guide, head = decide(selector, scene, lane)
         following = steps[number + 1][0] if number + 1 < len(steps) else None
-        tell(chooser, scene, head, reward, following, lane=lane)
+        tell(selector, scene, head, reward, following, lane=lane)
         led.append(guide)
     return led
 
@@ -133,16 +133,16 @@ def play(chooser, steps, lane=0):
 def test_paper_records_the_discounted_return_of_every_decision():
     """Algorithm 2, line 18, with γ = 0.5: rewards 0, 0.2, 0.8 give returns 0.3, 0.6, 0.8."""
     policy = target(settings=HybridSettings(clauses=ClauseSettings(discount=0.5)))
-    chooser = one_of_each("paper", policy, sources("1.0 :: gt_two() :- !far()\n1.0 :: gt_end() :- far()"))
-    before = chooser.weigh()
+    selector = one_of_each("paper", policy, sources("1.0 :: gt_two() :- !far()\n1.0 :: gt_end() :- far()"))
+    before = selector.weigh()
     assert (before.performance == 1.0).all(), "a constant before the first sample"
     # of the source and the target, which tie at ψ + 1, the source leads everywhere
-    assert play(chooser, [(NEAR_SCENE, 0.0), (FAR_SCENE, 0.2), (NEAR_SCENE, 0.8)]) == [1, 1, 1]
-    after = chooser.weigh()
+    assert play(selector, [(NEAR_SCENE, 0.0), (FAR_SCENE, 0.2), (NEAR_SCENE, 0.8)]) == [1, 1, 1]
+    after = selector.weigh()
     # near: the mean of 0.3 and 0.8; far: 0.6; candidate 1 is its near scene, 2 the far one
     expected = np.ones((2, 3))
     expected[NEAR_SCENE, 1], expected[FAR_SCENE, 2] = 0.55, 0.6
-    assert after.performance == pytest.approx(np.repeat(expected, LEVELS, axis=0))
+    assert after.performance == pytest.approx(np.repeat(expected, PROGRESS, axis=0))
     finite = np.isfinite(after.similarity)
     assert after.weight[finite] == pytest.approx((after.similarity + after.performance)[finite])
     assert (after.weight[~finite] == NEVER).all()
@@ -150,17 +150,17 @@ def test_paper_records_the_discounted_return_of_every_decision():
 
 def test_paper_keeps_lanes_apart_and_counts_finished_episodes_only():
     policy = target(settings=HybridSettings(clauses=ClauseSettings(discount=0.5)))
-    chooser = one_of_each("paper", policy, sources("1.0 :: gt_end() :- far()"), lanes=2)
-    _, head = decide(chooser, FAR_SCENE, lane=0)
-    decide(chooser, FAR_SCENE, lane=1)
-    tell(chooser, FAR_SCENE, head, 0.3, following=FAR_SCENE, lane=0)
-    assert chooser.weigh().performance[FAR_SCENE * LEVELS, 1] == 1.0
-    tell(chooser, FAR_SCENE, head, 0.5, lane=1)
-    assert chooser.weigh().performance[FAR_SCENE * LEVELS, 1] == pytest.approx(0.5)
-    assert decide(chooser, FAR_SCENE, lane=0)[0] == TARGET
-    tell(chooser, FAR_SCENE, head, 0.1, lane=0)
+    selector = one_of_each("paper", policy, sources("1.0 :: gt_end() :- far()"), num_envs=2)
+    _, head = decide(selector, FAR_SCENE, lane=0)
+    decide(selector, FAR_SCENE, lane=1)
+    tell(selector, FAR_SCENE, head, 0.3, following=FAR_SCENE, lane=0)
+    assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == 1.0
+    tell(selector, FAR_SCENE, head, 0.5, lane=1)
+    assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == pytest.approx(0.5)
+    assert decide(selector, FAR_SCENE, lane=0)[0] == TARGET
+    tell(selector, FAR_SCENE, head, 0.1, lane=0)
     # the target: 0.1; the source: the mean of 0.5 and 0.3 + 0.5·0.1
-    assert chooser.weigh().performance[FAR_SCENE * LEVELS] == pytest.approx([0.1, 0.425])
+    assert selector.weigh().performance[FAR_SCENE * PROGRESS] == pytest.approx([0.1, 0.425])
 
 
 def test_paper_keeps_values_of_subgoals_from_first_visits_and_failures_cost():
@@ -169,11 +169,11 @@ def test_paper_keeps_values_of_subgoals_from_first_visits_and_failures_cost():
     with torch.no_grad():
         policy.clauses.weights.zero_()
     given = sources("1.0 :: gt_two() :- !far()\n1.0 :: gt_end() :- far()")
-    chooser = one_of_each(
+    selector = one_of_each(
         "paper", policy, given, readings=PaperSettings(failure_cost=0.1, source_softness=0.0)
     )
-    assert play(chooser, [(NEAR_SCENE, 0.0), (FAR_SCENE, 0.2), (NEAR_SCENE, 0.8)]) == [1, 1, 1]
-    found = chooser.weigh().performance[[NEAR_SCENE * LEVELS, FAR_SCENE * LEVELS]]
+    assert play(selector, [(NEAR_SCENE, 0.0), (FAR_SCENE, 0.2), (NEAR_SCENE, 0.8)]) == [1, 1, 1]
+    found = selector.weigh().performance[[NEAR_SCENE * PROGRESS, FAR_SCENE * PROGRESS]]
     # the target picks each of three subgoals alike; candidate 1 always gt_two, 2 always gt_end
     assert found == pytest.approx(np.array([[0.125 / 3, 0.125, 0.0], [0.45 / 3, 0.0, 0.45]]))
 
@@ -181,28 +181,28 @@ def test_paper_keeps_values_of_subgoals_from_first_visits_and_failures_cost():
 def test_negative_returns_show_unless_they_are_clipped():
     for normalise, shown in (("none", -0.1), ("clip", 0.0)):
         readings = PaperSettings(0.0, normalise, 0.1, "per_guide", 0.0)
-        chooser = one_of_each("paper", target(), sources(WALK), readings=readings)
-        assert play(chooser, [(FAR_SCENE, 0.0)]) == [1]
-        assert chooser.weigh().performance[FAR_SCENE * LEVELS, 1] == pytest.approx(shown)
+        selector = one_of_each("paper", target(), sources(WALK), readings=readings)
+        assert play(selector, [(FAR_SCENE, 0.0)]) == [1]
+        assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == pytest.approx(shown)
         # a source that failed makes way for a target that was never asked, or it doesn't
-        assert play(chooser, [(FAR_SCENE, 0.0)]) == [TARGET if normalise == "none" else 1]
+        assert play(selector, [(FAR_SCENE, 0.0)]) == [TARGET if normalise == "none" else 1]
 
 
 def test_a_decision_that_the_horizon_cut_off_costs_nothing_and_counts_as_no_miss():
     for mode in ("paper", "default"):
-        chooser = one_of_each(mode, target(), sources(WALK), readings=PaperSettings(failure_cost=0.1))
-        _, head = decide(chooser, FAR_SCENE)
-        ended = dict(lanes=0, situations=FAR_SCENE * LEVELS, heads=head, guides=1, steps=3)
+        selector = one_of_each(mode, target(), sources(WALK), readings=PaperSettings(failure_cost=0.1))
+        _, head = decide(selector, FAR_SCENE)
+        ended = dict(lanes=0, scene_states=FAR_SCENE * PROGRESS, heads=head, guides=1, steps=3)
         ended |= dict(rewards=0.0, reached=False, cut=True, terminated=False, truncated=True)
         columns = {name: np.array([value]) for name, value in ended.items()}
-        chooser.decided(Outcome(**columns, next_situations=np.array([FAR_SCENE * LEVELS])))
-        assert len(chooser.traces) == 1
-        assert chooser.traces[0][0].cut
-        assert (chooser.chosen.sum(), chooser.reached.sum(), chooser.cut.sum()) == (1, 0, 1)
+        selector.on_decision_end(Outcome(**columns, next_scene_states=np.array([FAR_SCENE * PROGRESS])))
+        assert len(selector.traces) == 1
+        assert selector.traces[0][0].cut
+        assert (selector.chosen.sum(), selector.reached.sum(), selector.cut.sum()) == (1, 0, 1)
         if mode == "paper":
-            assert chooser.weigh().performance[FAR_SCENE * LEVELS, 1] == 0.0
+            assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == 0.0
         else:
-            assert chooser._tried.sum() == 0
+            assert selector._tried.sum() == 0
 
 
 def test_a_soft_source_plays_some_of_every_subgoal_of_its_task():
@@ -219,31 +219,33 @@ def test_a_soft_source_plays_some_of_every_subgoal_of_its_task():
 
 
 def test_paper_turns_to_the_target_when_it_is_worth_more():
-    chooser = one_of_each("paper", target(), sources("1.0 :: gt_end() :- far()"))
-    assert play(chooser, [(FAR_SCENE, 0.4)]) == [1]
+    selector = one_of_each("paper", target(), sources("1.0 :: gt_end() :- far()"))
+    assert play(selector, [(FAR_SCENE, 0.4)]) == [1]
     # ψ + 0.4 against the target's ψ + 1, which then earns 0.1 and loses its place again
-    assert play(chooser, [(FAR_SCENE, 0.1)]) == [TARGET]
-    assert play(chooser, [(FAR_SCENE, 0.4)]) == [1]
+    assert play(selector, [(FAR_SCENE, 0.1)]) == [TARGET]
+    assert play(selector, [(FAR_SCENE, 0.4)]) == [1]
 
 
 def test_the_exploration_bonus_of_the_target_is_its_own_entropy():
     policy = target()
     with torch.no_grad():
         policy.clauses.weights.zero_()
-    chooser = one_of_each("paper", policy, sources(WALK))
-    play(chooser, [(FAR_SCENE, 0.4)])
-    assert play(chooser, [(FAR_SCENE, -0.04)]) == [TARGET]
+    selector = one_of_each("paper", policy, sources(WALK))
+    play(selector, [(FAR_SCENE, 0.4)])
+    assert play(selector, [(FAR_SCENE, -0.04)]) == [TARGET]
     # -0.04 + 0.04·ln 3
-    assert chooser.weigh().performance[FAR_SCENE * LEVELS, TARGET] == pytest.approx(0.04 * (math.log(3) - 1))
+    assert selector.weigh().performance[FAR_SCENE * PROGRESS, TARGET] == pytest.approx(
+        0.04 * (math.log(3) - 1)
+    )
 
 
-def last_guides(chooser, worth, scene=FAR_SCENE, episodes=150, last=50):
+def last_guides(selector, worth, scene=FAR_SCENE, episodes=150, last=50):
     """Who led the last of many one-decision episodes, in which guide g earns worth[g]."""
     led = []
     for _ in range(episodes):
-        guide, head = decide(chooser, scene)
+        guide, head = decide(selector, scene)
         earned = worth.get(guide, 0.0)
-        tell(chooser, scene, head, earned, reached=earned > 0)
+        tell(selector, scene, head, earned, reached=earned > 0)
         led.append(guide)
     return led[0], np.bincount(led[-last:], minlength=3) / last
 
@@ -267,8 +269,8 @@ def test_a_source_that_helps_is_kept():
 
 
 def test_the_better_source_leads_whatever_its_similarity():
-    chooser = one_of_each("default", target(), sources(WALK, LAMP))
-    _, shares = last_guides(chooser, {1: 0.8, 2: 0.1}, episodes=400)
+    selector = one_of_each("default", target(), sources(WALK, LAMP))
+    _, shares = last_guides(selector, {1: 0.8, 2: 0.1}, episodes=400)
     assert shares[1] >= 0.8
 
 
@@ -283,22 +285,22 @@ def test_a_guide_that_was_in_vain_is_not_asked_again_in_this_episode():
     """Two sources match alike; the first to be asked fails, and the episode stays where it was."""
     first_again = 0
     for seed in range(40):
-        chooser = one_of_each("default", target(), sources(WALK, "1.0 :: gt_two() :- far()"), seed=seed)
-        guide, head = decide(chooser, FAR_SCENE)
-        tell(chooser, FAR_SCENE, head, 0.0, following=FAR_SCENE)
-        first_again += decide(chooser, FAR_SCENE)[0] == guide
+        selector = one_of_each("default", target(), sources(WALK, "1.0 :: gt_two() :- far()"), seed=seed)
+        guide, head = decide(selector, FAR_SCENE)
+        tell(selector, FAR_SCENE, head, 0.0, following=FAR_SCENE)
+        first_again += decide(selector, FAR_SCENE)[0] == guide
     assert first_again <= 4
 
 
 def test_even_the_best_source_is_not_asked_twice_in_vain():
-    chooser = one_of_each("default", target(), sources(WALK, "1.0 :: gt_two() :- far()"))
-    last_guides(chooser, {1: 0.9, 2: 0.75})
+    selector = one_of_each("default", target(), sources(WALK, "1.0 :: gt_two() :- far()"))
+    last_guides(selector, {1: 0.9, 2: 0.75})
     led = []
     for _ in range(10):
-        first, head = decide(chooser, FAR_SCENE)
-        tell(chooser, FAR_SCENE, head, 0.0, following=FAR_SCENE)
-        second, head = decide(chooser, FAR_SCENE)
-        tell(chooser, FAR_SCENE, head, 0.9, reached=True)
+        first, head = decide(selector, FAR_SCENE)
+        tell(selector, FAR_SCENE, head, 0.0, following=FAR_SCENE)
+        second, head = decide(selector, FAR_SCENE)
+        tell(selector, FAR_SCENE, head, 0.9, reached=True)
         led.append((first, second))
     assert sum(first == 1 for first, _ in led) >= 7
     assert (1, 1) not in led
@@ -306,15 +308,15 @@ def test_even_the_best_source_is_not_asked_twice_in_vain():
 
 def test_the_next_episode_forgives():
     """A source that is worth a lot is asked first, though its last decision of the last episode failed."""
-    chooser = one_of_each("default", target(), sources(WALK))
-    last_guides(chooser, {1: 0.9}, episodes=30)
+    selector = one_of_each("default", target(), sources(WALK))
+    last_guides(selector, {1: 0.9}, episodes=30)
     asked = 0
     for _ in range(10):
-        guide, head = decide(chooser, FAR_SCENE)
+        guide, head = decide(selector, FAR_SCENE)
         asked += guide == 1
-        tell(chooser, FAR_SCENE, head, 0.0, following=FAR_SCENE)
-        _, head = decide(chooser, FAR_SCENE)
-        tell(chooser, FAR_SCENE, head, 0.9, reached=True)
+        tell(selector, FAR_SCENE, head, 0.0, following=FAR_SCENE)
+        _, head = decide(selector, FAR_SCENE)
+        tell(selector, FAR_SCENE, head, 0.9, reached=True)
     assert asked >= 8
 
 
@@ -322,12 +324,12 @@ def test_two_sources_that_undo_each_other_are_seen_through():
     """Source 1 gets from near to far and from far to the end; source 2, better matched, leads back."""
     on = "1.0 :: gt_end() :- !far()\n1.0 :: gt_end() :- far()"
     back = "0.5 :: gt_two() :- far()\n0.5 :: gt_moon() :- far()"
-    chooser = one_of_each("default", target(), sources(on, back))
+    selector = one_of_each("default", target(), sources(on, back))
     decisions = []
     for _ in range(80):
         scene, count, score = NEAR_SCENE, 0, 0.0
         while score == 0.0 and count < 12:
-            guide, head = decide(chooser, scene)
+            guide, head = decide(selector, scene)
             count += 1
             following = scene
             if guide == 1 and scene == FAR_SCENE:
@@ -337,7 +339,7 @@ def test_two_sources_that_undo_each_other_are_seen_through():
             elif guide == 2:
                 following = NEAR_SCENE
             over = score > 0 or count == 12
-            tell(chooser, scene, head, score, None if over else following, reached=guide > 0)
+            tell(selector, scene, head, score, None if over else following, reached=guide > 0)
             scene = following
         decisions.append(count)
     assert np.mean(decisions[-40:]) <= 3.5
@@ -354,13 +356,13 @@ def test_the_most_similar_source_is_that_of_the_largest_similarity_over_all_scen
 
 def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():
     decisions = DecisionSettings(max_steps=6, patience=0.5)
-    settings = HybridSettings(lanes=2, block=16, decisions=decisions)
+    settings = HybridSettings(num_envs=2, rollout_steps=16, decisions=decisions)
     policy, given = target(settings=settings), sources(WALK, actor=ByScript(STAY))
-    chooser = one_of_each("default", policy, given, lanes=2)
-    for _ in learning(policy, given, chooser, 0, 2000):
+    selector = one_of_each("default", policy, given, num_envs=2)
+    for _ in learning(policy, given, selector, 0, 2000):
         pass
     guided, own = [], []
-    for decision in (d for episode in chooser.traces for d in episode):
+    for decision in (d for episode in selector.traces for d in episode):
         if decision.steps > 1:
             (own if decision.candidate == TARGET else guided).append(decision.steps)
     assert max(guided) == 3
@@ -368,32 +370,32 @@ def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():
 
 
 @pytest.mark.parametrize("mode", ["paper", "default"])
-def test_the_account_of_what_was_decided(mode):
-    chooser = one_of_each(mode, target(), sources(WALK), lanes=2)
-    guides, heads = chooser.choose(np.array([0, 1]), np.array([FAR_SCENE, NEAR_SCENE]) * LEVELS)
-    tell(chooser, FAR_SCENE, heads[0], 0.1, following=NEAR_SCENE, reached=True, lane=0)
-    tell(chooser, NEAR_SCENE, heads[1], 0.0, lane=1)
-    guide, head = decide(chooser, NEAR_SCENE, lane=0)
-    tell(chooser, NEAR_SCENE, head, 0.0, lane=0)
-    short, long = chooser.traces
-    assert [(d.situation // LEVELS, d.head, d.reached, d.steps) for d in short] == [
+def test_the_record_of_what_was_decided(mode):
+    selector = one_of_each(mode, target(), sources(WALK), num_envs=2)
+    guides, heads = selector.select(np.array([0, 1]), np.array([FAR_SCENE, NEAR_SCENE]) * PROGRESS)
+    tell(selector, FAR_SCENE, heads[0], 0.1, following=NEAR_SCENE, reached=True, lane=0)
+    tell(selector, NEAR_SCENE, heads[1], 0.0, lane=1)
+    guide, head = decide(selector, NEAR_SCENE, lane=0)
+    tell(selector, NEAR_SCENE, head, 0.0, lane=0)
+    short, long = selector.traces
+    assert [(d.scene_state // PROGRESS, d.head, d.reached, d.steps) for d in short] == [
         (NEAR_SCENE, heads[1], False, 3)
     ]
-    assert [(d.situation // LEVELS, d.reached) for d in long] == [(FAR_SCENE, True), (NEAR_SCENE, False)]
-    assert [chooser.candidates.guides[d.candidate] for d in long] == [guides[0], guide]
-    assert (chooser.decisions.sum(), chooser.chosen.sum(), chooser.reached.sum()) == (3, 3, 1)
-    chooser.clear()
-    assert (chooser.traces, chooser.decisions.sum(), chooser.chosen.sum()) == ([], 0, 0)
+    assert [(d.scene_state // PROGRESS, d.reached) for d in long] == [(FAR_SCENE, True), (NEAR_SCENE, False)]
+    assert [selector.candidates.guides[d.candidate] for d in long] == [guides[0], guide]
+    assert (selector.decisions.sum(), selector.chosen.sum(), selector.reached.sum()) == (3, 3, 1)
+    selector.clear()
+    assert (selector.traces, selector.decisions.sum(), selector.chosen.sum()) == ([], 0, 0)
 
 
-def learn(mode, seed, actor=None, frames=640, watch=lambda chooser, given: None):
+def learn(mode, seed, actor=None, frames=640, watch=lambda selector, given: None):
     policy = target(seed)
     given = sources("1.0 :: gt_end() :- !far()\n1.0 :: gt_end() :- far()", actor=actor)
-    chooser = one_of_each(mode, policy, given, lanes=SMALL.lanes, seed=seed)
+    selector = one_of_each(mode, policy, given, num_envs=SMALL.num_envs, seed=seed)
     rounds = []
-    for round_ in learning(policy, given, chooser, seed, frames):
+    for round_ in learning(policy, given, selector, seed, frames):
         rounds.append(round_)
-        watch(chooser, given)
+        watch(selector, given)
     return policy.state(), rounds, [episode for round_ in rounds for episode in round_.episodes]
 
 
@@ -412,9 +414,9 @@ def test_a_transfer_is_a_function_of_its_seed(mode):
 def test_to_look_at_a_run_changes_nothing(mode):
     """With what `explain` reads written every round, and without, the same policy comes out."""
 
-    def watch(chooser, given):
-        assert list(Account(chooser, given).weights("late", 0))
-        first, again = chooser.weigh(), chooser.weigh()
+    def watch(selector, given):
+        assert list(GuideRecorder(selector, given).weights("late", 0))
+        first, again = selector.weigh(), selector.weigh()
         assert all(np.array_equal(one, other) for one, other in zip(first, again, strict=True))
 
     plain, _, episodes = learn(mode, 3)
@@ -426,12 +428,12 @@ def test_to_look_at_a_run_changes_nothing(mode):
 @pytest.mark.parametrize("mode", ["paper", "default"])
 def test_who_led_so_far_is_told_in_the_terms_of_every_method(mode):
     policy, given = target(), sources(LAMP, WALK)
-    made = learning(policy, given, one_of_each(mode, policy, given, SMALL.lanes), 0, 512)
+    made = learning(policy, given, one_of_each(mode, policy, given, SMALL.num_envs), 0, 512)
     assert made.agent.reuse() == []
     next(made)
-    told, chooser = made.agent.reuse(), made.agent.guides
-    assert sum(row.chosen for row in told) == chooser.decisions.sum() > 0
-    assert sum(row.reached for row in told) == chooser.reached.sum()
+    told, selector = made.agent.reuse(), made.agent.guides
+    assert sum(row.chosen for row in told) == selector.decisions.sum() > 0
+    assert sum(row.reached for row in told) == selector.reached.sum()
     assert {row.source for row in told} == {"target", "policy-1", "policy-2"}
     assert {row.context for row in told} <= {("!far()",), ("far()",)}
     assert all(row.terms.keys() == {"ψ", "Φ"} and np.isfinite(row.weight) for row in told)
@@ -440,8 +442,8 @@ def test_who_led_so_far_is_told_in_the_terms_of_every_method(mode):
 
 def test_nothing_is_told_of_guides_before_the_first_decision():
     policy, given = target(), sources(LAMP)
-    chooser = guides.PaperGuides(policy, candidates(policy, given), 4, np.random.default_rng(0), LETTER)
-    agent = PaddleAgent(policy, given, chooser, {}, 0, 512)
+    selector = guides.PaperGuides(policy, candidates(policy, given), 4, np.random.default_rng(0), LETTER)
+    agent = PaddleAgent(policy, given, selector, {}, 0, 512)
     assert (agent.reuse(), agent.close()) == ([], {"weights": []})
 
 
@@ -468,15 +470,15 @@ def test_evaluation_never_plays_the_layouts_that_were_trained_on():
     """Whatever the seeds: a user may well give the same one to `transfer` and `evaluate`."""
     made = []
 
-    def make(lanes, seed, repeat=1, split="training"):
+    def make(num_envs, seed, action_repeat=1, split="training"):
         made.append(split)
-        return Corridor(lanes, 0, repeat)
+        return Corridor(num_envs, 0, action_repeat)
 
     policy = HybridPolicy(replace(TASK, make=make), 0, SMALL)
     made.clear()
     given = sources(WALK)
-    chooser = one_of_each("paper", policy, given, lanes=SMALL.lanes)
-    list(learning(policy, given, chooser, 5, 64))
+    selector = one_of_each("paper", policy, given, num_envs=SMALL.num_envs)
+    list(learning(policy, given, selector, 5, 64))
     trained_on = set(made)
     made.clear()
     evaluate(policy, policy.task, 4, 5)

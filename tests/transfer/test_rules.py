@@ -1,4 +1,4 @@
-"""The rule that each decision is recorded with, in situations made for each of them."""
+"""The rule that each decision is recorded with, in scenes made for each of them."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
-from paddlectl.hybrid.rollout import LEVELS
+from paddlectl.hybrid.rollout import PROGRESS
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
@@ -20,7 +20,7 @@ from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, RIGHT, TASK, TWO, ByScrip
 WALK = "1.0 :: gt_end() :- far()"
 MATCHED = "0.8 :: gt_end() :- far()\n0.2 :: gt_two() :- far()"  # ψ 14/15 in the far scene; WALK's is 13/15
 EVERY_HEAD = "0.4 :: gt_end() :- far()\n0.3 :: gt_two() :- far()\n0.3 :: gt_moon() :- far()"
-MERIT = GuidanceSettings(audition_rate=0.0, practice_rate=0.0)
+MERIT = GuidanceSettings(forced_trial_rate=0.0, novel_subgoal_rate=0.0)
 """Nothing is tried; Λ alone decides."""
 
 
@@ -33,7 +33,7 @@ def paper(*programs, **readings):
 
 
 def made(kind, programs):
-    """A chooser of one lane over scripted sources, for a target whose clauses are all alike."""
+    """A selector of one lane over scripted sources, for a target whose clauses are all alike."""
     policy = HybridPolicy(TASK, 0, HybridSettings())
     with torch.no_grad():
         policy.clauses.weights.zero_()
@@ -45,29 +45,29 @@ def made(kind, programs):
     scenes = [Scene(body, frozenset(TASK.heads)) for body in bodies]
     mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in sources})
     candidates = candidates_of(TASK, bodies, sources, mapping, 1.0)
-    chooser = kind(policy, candidates, 1, np.random.default_rng(0))
-    chooser.refresh()
-    return chooser
+    selector = kind(policy, candidates, 1, np.random.default_rng(0))
+    selector.refresh()
+    return selector
 
 
-def decide(chooser, scene=FAR_SCENE):
+def decide(selector, scene=FAR_SCENE):
     """The guide, and the rule that it's recorded with."""
-    led, _ = chooser.choose(np.array([0]), np.array([scene * LEVELS]))
-    return int(led[0]), chooser._present[0].rule
+    led, _ = selector.select(np.array([0]), np.array([scene * PROGRESS]))
+    return int(led[0]), selector._present[0].rule
 
 
-def tell(chooser, reward=0.0, following=None, reached=False):
+def tell(selector, reward=0.0, following=None, reached=False):
     """What came of that decision; the episode is over if nothing follows."""
-    present = chooser._present[0]
-    chooser.decided(outcome(present.situation, present.head, reward, following, reached))
+    present = selector._present[0]
+    selector.on_decision_end(outcome(present.scene_state, present.head, reward, following, reached))
 
 
-def play(chooser, count, worth=(0.0, 0.0, 0.0)):
+def play(selector, count, worth=(0.0, 0.0, 0.0)):
     """Episodes of one decision, in which guide g earns worth[g]."""
     told = []
     for _ in range(count):
-        guide, rule = decide(chooser)
-        tell(chooser, worth[guide], reached=worth[guide] > 0)
+        guide, rule = decide(selector)
+        tell(selector, worth[guide], reached=worth[guide] > 0)
         told.append((guide, rule))
     return told
 
@@ -95,14 +95,14 @@ def test_who_earned_something_leads_by_its_weight_in_paper():
 
 @pytest.mark.parametrize("kind", [planned, paper])
 def test_sources_that_match_alike_tie_and_a_random_one_leads(kind):
-    chooser = kind(MATCHED, "0.6 :: gt_end() :- far()\n0.4 :: gt_two() :- far()")
-    assert {decide(chooser) for _ in range(40)} == {(1, "tie"), (2, "tie")}
+    selector = kind(MATCHED, "0.6 :: gt_end() :- far()\n0.4 :: gt_two() :- far()")
+    assert {decide(selector) for _ in range(40)} == {(1, "tie"), (2, "tie")}
 
 
 def test_a_source_that_ties_with_the_target_goes_first():
-    chooser = paper(EVERY_HEAD)
-    assert {decide(chooser) for _ in range(40)} == {(1, "tie")}
-    weights = chooser._present[0].weights
+    selector = paper(EVERY_HEAD)
+    assert {decide(selector) for _ in range(40)} == {(1, "tie")}
+    weights = selector._present[0].weights
     assert weights[TARGET] == weights[1]
 
 
@@ -110,31 +110,31 @@ def test_a_source_that_ties_with_the_target_goes_first():
 
 
 def test_the_next_best_leads_as_the_best_was_in_vain_before():
-    chooser = planned(WALK, "1.0 :: gt_two() :- far()")
-    play(chooser, 30, (0.0, 0.9, 0.8))
-    assert decide(chooser) == (1, "largest")
-    tell(chooser, 0.0, following=FAR_SCENE)
-    assert chooser.weigh().weight[FAR_SCENE * LEVELS].argmax() == 1
-    assert decide(chooser) == (2, "penalty")
-    assert chooser._present[0].weights.argmax() == 2
+    selector = planned(WALK, "1.0 :: gt_two() :- far()")
+    play(selector, 30, (0.0, 0.9, 0.8))
+    assert decide(selector) == (1, "largest")
+    tell(selector, 0.0, following=FAR_SCENE)
+    assert selector.weigh().weight[FAR_SCENE * PROGRESS].argmax() == 1
+    assert decide(selector) == (2, "penalty")
+    assert selector._present[0].weights.argmax() == 2
 
 
 def test_the_next_episode_knows_no_penalty():
-    chooser = planned(WALK, "1.0 :: gt_two() :- far()")
-    play(chooser, 30, (0.0, 0.9, 0.8))
-    decide(chooser)
-    tell(chooser, 0.0, following=FAR_SCENE)
-    decide(chooser)
-    tell(chooser, 0.8, reached=True)
-    assert decide(chooser) == (1, "largest")
+    selector = planned(WALK, "1.0 :: gt_two() :- far()")
+    play(selector, 30, (0.0, 0.9, 0.8))
+    decide(selector)
+    tell(selector, 0.0, following=FAR_SCENE)
+    decide(selector)
+    tell(selector, 0.8, reached=True)
+    assert decide(selector) == (1, "largest")
 
 
 # floor
 
 
 def test_a_target_leads_by_its_floor_where_every_source_was_dropped():
-    chooser = planned(WALK)
-    found = play(chooser, 12)
+    selector = planned(WALK)
+    found = play(selector, 12)
     assert found[0] == (1, "largest")
     assert found[-1] == (TARGET, "floor")
 
@@ -145,21 +145,21 @@ def test_a_target_that_is_measured_and_earns_nothing_still_leads_by_its_floor():
 
 def test_a_dropped_source_does_not_lead_however_much_it_earns():
     """It never reaches its subgoal, and what it comes by instead is worth more than any Λ of the target."""
-    chooser = planned(WALK)
+    selector = planned(WALK)
     for _ in range(30):
-        decide(chooser)
-        tell(chooser, 2.0)
-    assert chooser.dropped()[FAR_SCENE * LEVELS, 1]
-    assert chooser.weigh().weight[FAR_SCENE * LEVELS].argmax() == TARGET
+        decide(selector)
+        tell(selector, 2.0)
+    assert selector.dropped()[FAR_SCENE * PROGRESS, 1]
+    assert selector.weigh().weight[FAR_SCENE * PROGRESS].argmax() == TARGET
 
 
 def test_two_scenes_of_one_source_are_no_tie():
     """Both scenes have the target's only subgoals there, and lead to the same."""
-    chooser = paper("0.6 :: gt_end() :- !far(), lit()\n0.6 :: gt_end() :- !far(), !lit()")
-    chooser._returns.mean[NEAR_SCENE, [END, TWO]] = 0.5, 0.0
-    weights = chooser.weigh().weight[NEAR_SCENE * LEVELS]
+    selector = paper("0.6 :: gt_end() :- !far(), lit()\n0.6 :: gt_end() :- !far(), !lit()")
+    selector._returns.mean[NEAR_SCENE, [END, TWO]] = 0.5, 0.0
+    weights = selector.weigh().weight[NEAR_SCENE * PROGRESS]
     assert weights[1] == weights[2] > weights[TARGET]
-    assert decide(chooser, NEAR_SCENE) == (1, "largest")
+    assert decide(selector, NEAR_SCENE) == (1, "largest")
 
 
 def test_there_is_no_floor_in_paper():
@@ -171,67 +171,67 @@ def test_there_is_no_floor_in_paper():
 
 def test_a_target_on_trial_leads_once_in_an_episode():
     """Its clauses are alike, so its certainty is a third."""
-    chooser = planned(WALK, settings=replace(MERIT, audition_rate=3.1))
-    assert decide(chooser) == (TARGET, "trial")
-    weights = chooser._present[0].weights
+    selector = planned(WALK, settings=replace(MERIT, forced_trial_rate=3.1))
+    assert decide(selector) == (TARGET, "trial")
+    weights = selector._present[0].weights
     assert weights[1] > weights[TARGET]
-    tell(chooser, 0.1, following=FAR_SCENE, reached=True)
-    assert decide(chooser) == (1, "largest")
-    tell(chooser, 0.1, reached=True)
-    assert decide(chooser) == (TARGET, "trial")
+    tell(selector, 0.1, following=FAR_SCENE, reached=True)
+    assert decide(selector) == (1, "largest")
+    tell(selector, 0.1, reached=True)
+    assert decide(selector) == (TARGET, "trial")
 
 
 def test_a_target_that_leads_anyway_is_not_on_trial():
-    chooser = planned(WALK)
-    play(chooser, 12)
-    chooser.rules = replace(MERIT, audition_rate=3.1)
-    assert decide(chooser) == (TARGET, "floor")
+    selector = planned(WALK)
+    play(selector, 12)
+    selector.rules = replace(MERIT, forced_trial_rate=3.1)
+    assert decide(selector) == (TARGET, "floor")
 
 
 # novel
 
 
 def test_a_subgoal_that_no_source_knows_is_explored_once_in_an_episode():
-    chooser = planned(MATCHED, settings=replace(MERIT, practice_rate=1.0))
-    assert decide(chooser) == (TARGET, "novel")
-    assert chooser._present[0].head == MOON
-    tell(chooser, 0.1, following=FAR_SCENE, reached=True)
-    assert decide(chooser) == (1, "largest")
+    selector = planned(MATCHED, settings=replace(MERIT, novel_subgoal_rate=1.0))
+    assert decide(selector) == (TARGET, "novel")
+    assert selector._present[0].head == MOON
+    tell(selector, 0.1, following=FAR_SCENE, reached=True)
+    assert decide(selector) == (1, "largest")
 
 
 def test_nothing_is_novel_where_the_sources_know_every_subgoal():
-    chooser = planned(EVERY_HEAD, settings=replace(MERIT, practice_rate=1.0))
-    assert "novel" not in {rule for _, rule in play(chooser, 40)}
+    selector = planned(EVERY_HEAD, settings=replace(MERIT, novel_subgoal_rate=1.0))
+    assert "novel" not in {rule for _, rule in play(selector, 40)}
 
 
 def test_a_novel_subgoal_goes_before_a_trial():
-    chooser = planned(MATCHED, settings=replace(MERIT, audition_rate=3.1, practice_rate=1.0))
-    assert decide(chooser) == (TARGET, "novel")
+    selector = planned(MATCHED, settings=replace(MERIT, forced_trial_rate=3.1, novel_subgoal_rate=1.0))
+    assert decide(selector) == (TARGET, "novel")
 
 
 # What is kept
 
 
 def test_traces_and_counts_keep_the_rules():
-    chooser = planned(WALK, settings=replace(MERIT, audition_rate=3.1))
-    decide(chooser)
-    tell(chooser, 0.1, following=FAR_SCENE, reached=True)
-    decide(chooser)
-    tell(chooser, 0.1, reached=True)
-    assert [decision.rule for decision in chooser.traces[0]] == ["trial", "largest"]
-    counted = chooser.chosen[FAR_SCENE * LEVELS]
+    selector = planned(WALK, settings=replace(MERIT, forced_trial_rate=3.1))
+    decide(selector)
+    tell(selector, 0.1, following=FAR_SCENE, reached=True)
+    decide(selector)
+    tell(selector, 0.1, reached=True)
+    assert [decision.rule for decision in selector.traces[0]] == ["trial", "largest"]
+    counted = selector.chosen[FAR_SCENE * PROGRESS]
     assert counted[TARGET, RULES.index("trial")] == counted[1, RULES.index("largest")] == 1
-    assert chooser.chosen.sum() == chooser.decisions.sum() == 2
+    assert selector.chosen.sum() == selector.decisions.sum() == 2
 
 
 @pytest.mark.parametrize("kind", [planned, paper])
 def test_to_weigh_changes_nothing(kind):
-    chooser = kind(MATCHED, WALK)
+    selector = kind(MATCHED, WALK)
     for _ in range(30):
         for scene, following in ((NEAR_SCENE, FAR_SCENE), (FAR_SCENE, None)):
-            decide(chooser, scene)
-            tell(chooser, 0.4, following, reached=chooser._present[0].head in (TWO, END))
-        first, second, third = (chooser.weigh() for _ in range(3))
+            decide(selector, scene)
+            tell(selector, 0.4, following, reached=selector._present[0].head in (TWO, END))
+        first, second, third = (selector.weigh() for _ in range(3))
         for table, again, oncemore in zip(first, second, third, strict=True):
             assert np.array_equal(table, again)
             assert np.array_equal(table, oncemore)

@@ -16,7 +16,7 @@ import numpy as np
 import safetensors.numpy
 
 from paddlectl.errors import PaddlectlError
-from paddlectl.experiments.pace import Pace
+from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.resuming import resume
 from paddlectl.registry.bundles import bundles
 from paddlectl.registry.care.check import check
@@ -145,7 +145,7 @@ def full_disk_within(count: int, seed: int, folder: Path) -> dict[str, Any]:
     place = folder / "registry"
     with small():
         registry = _with_sources(place)
-        whole = ended(registry, begin("paddle default", registry, Pace(0.0))["run"])
+        whole = ended(registry, begin("paddle default", registry, Checkpointer(0.0))["run"])
         for point in range(count):
             if _free(folder) < SIZE // 2:  # by what the trial itself has written
                 shutil.rmtree(place)
@@ -158,7 +158,7 @@ def full_disk_within(count: int, seed: int, folder: Path) -> dict[str, Any]:
             (folder / "filler").unlink()
             for run in registry.runs():
                 if run.id not in before and run.task == whole["run"]["task"] and run.status != "finished":
-                    resume(run.id, registry, quiet, Pace(0.0))
+                    resume(run.id, registry, quiet, Checkpointer(0.0))
                     assert ended(registry, run.id) == whole
                     runs += 1
             assert not check(place, read_data=True).faults
@@ -172,7 +172,7 @@ def _with_sources(place: Path) -> Registry:
 
 
 def _a_run(registry: Registry) -> None:
-    begin("paddle default", registry, Pace(0.0))
+    begin("paddle default", registry, Checkpointer(0.0))
 
 
 def _a_few_writes(registry: Registry) -> None:

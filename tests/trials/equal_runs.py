@@ -5,8 +5,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.jobs import Job, TrainJob
-from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.processes import rows_of, run_jobs
 from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.runner import run_transfer, train_source
@@ -27,15 +27,17 @@ def stopped_every(count: int, seed: int, folder: Path) -> dict[str, Any]:
     with small():
         registry = Registry.open(place)
         add_sources(registry)
-        whole = {kind: ended(registry, begin(kind, registry, Pace(), rounds=LONG)["run"]) for kind in KINDS}
+        whole = {
+            kind: ended(registry, begin(kind, registry, Checkpointer(), rounds=LONG)["run"]) for kind in KINDS
+        }
         for kind, k in pairs[:count]:
             with suppress(KeyboardInterrupt):
-                begin(kind, registry, Pace(stop=StopAfter(k)), rounds=LONG)
+                begin(kind, registry, Checkpointer(stop=StopAfter(k)), rounds=LONG)
             run = registry.runs()[0]
             while run.status != "finished":
                 stops += 1
                 with suppress(KeyboardInterrupt):
-                    resume(run.id, registry, quiet, Pace(stop=StopAfter(k)))
+                    resume(run.id, registry, quiet, Checkpointer(stop=StopAfter(k)))
                 run = registry.run(run.id)
             assert run.resumes == LONG // k
             assert ended(registry, run.id) == whole[kind], (
@@ -67,7 +69,7 @@ def repeated_runs(count: int, seed: int, folder: Path) -> dict[str, Any]:
 
 def _jobs(seed: int) -> list[Job]:
     """Of every kind, with lanes so few that each is over in seconds."""
-    in_maze = {"lanes": 8, "low_level": {"warm_up": 100}}
+    in_maze = {"num_envs": 8, "low_level": {"warm_up": 100}}
     sources = TrainJob("GapBall", seed, 3072, SMALL), TrainJob("CoffeeMaze", seed, 6400, in_maze)
     ways = (("default", "paddle"), ("paper", "paddle"), ("default", "hdm"))
     return [*sources, *(job(("policy-1", "policy-2"), *way, seed, 3072) for way in ways)]

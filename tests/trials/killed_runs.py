@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from paddlectl.experiments.pace import Pace
+from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.resuming import resume
 from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
@@ -31,11 +31,11 @@ def child(work: Any, *given: Any) -> int:
 
 
 def _begin(location: Path, kind: str) -> None:
-    begin(kind, Registry.open(location), Pace(0.0))
+    begin(kind, Registry.open(location), Checkpointer(0.0))
 
 
 def _resume(location: Path, run: str) -> None:
-    resume(run, Registry.open(location), quiet, Pace(0.0))
+    resume(run, Registry.open(location), quiet, Checkpointer(0.0))
 
 
 def killed_runs(kills: int, seed: int, folder: Path) -> dict[str, Any]:
@@ -49,7 +49,7 @@ def killed_runs(kills: int, seed: int, folder: Path) -> dict[str, Any]:
         took: dict[str, float] = {}
         for kind in KINDS:
             began = time.monotonic()
-            whole[kind] = ended(registry, begin(kind, registry, Pace(0.0))["run"])
+            whole[kind] = ended(registry, begin(kind, registry, Checkpointer(0.0))["run"])
             took[kind] = time.monotonic() - began
         while done < kills:
             kind = KINDS[runs % len(KINDS)]
@@ -107,7 +107,7 @@ def stopped_runs(count: int, seed: int, folder: Path) -> dict[str, Any]:
         stop = Stop()
         signal.signal(signal.SIGTERM, stop)
         try:
-            begin(kind, Registry.open(location), Pace(1000.0, stop))
+            begin(kind, Registry.open(location), Checkpointer(1000.0, stop))
         except KeyboardInterrupt:
             os._exit(3)
 

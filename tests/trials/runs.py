@@ -11,8 +11,8 @@ from unittest import mock
 
 import torch
 
+from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.jobs import TrainJob
-from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.runner import random_source, run_transfer, train_source
 from paddlectl.experiments.stop import Stop
 from paddlectl.methods.catalogue import METHODS, teacher_of
@@ -29,10 +29,10 @@ KINDS = (
     *sorted(METHODS.keys() - {"paddle", "hdm", "ppo", "td3"}),
 )
 FRAMES, ROUNDS = 3072, 12
-FLAT = {"lanes": 8}
+FLAT = {"num_envs": 8}
 FEWER: dict[str, dict[str, Any]] = {
     "hdqn": {"meta": {"capacity": 500, "warm_up": 50}},
-    "qmp": {"block": 32, "learner": {"capacity": 2000, "warm_up": 50}},
+    "qmp": {"rollout_steps": 32, "learner": {"capacity": 2000, "warm_up": 50}},
 }
 SOURCES = ("BlockedDoor", "GapBall")
 TIME = {"seconds", "created", "finished", "resumes"}
@@ -77,27 +77,29 @@ def add_sources(registry: Registry) -> None:
         train_source(TrainJob(task, 0, 1, FLAT, method="ppo"), registry, quiet)
 
 
-def begin(kind: str, registry: Registry, pace: Pace, rounds: int = ROUNDS) -> dict[str, Any]:
+def begin(kind: str, registry: Registry, checkpointer: Checkpointer, rounds: int = ROUNDS) -> dict[str, Any]:
     """Starts a run of that kind, or goes on with it."""
     frames = rounds * FRAMES // ROUNDS
     match kind.split():
         case ["train"]:
-            return train_source(TrainJob("GapBall", 0, frames, SMALL), registry, quiet, pace)
+            return train_source(TrainJob("GapBall", 0, frames, SMALL), registry, quiet, checkpointer)
         case ["train", "ppo"]:
-            return train_source(TrainJob("GapBall", 0, frames, FLAT, method="ppo"), registry, quiet, pace)
+            return train_source(
+                TrainJob("GapBall", 0, frames, FLAT, method="ppo"), registry, quiet, checkpointer
+            )
         case ["train", maze]:  # 8 lanes, 8 actions a round, 20 steps an action
             low_level, method = ("learner", "td3") if maze == "td3" else ("low_level", "hdm")
-            changes = {"lanes": 8, low_level: {"warm_up": 100}}
+            changes = {"num_envs": 8, low_level: {"warm_up": 100}}
             frames = rounds * 8 * 8 * 20
             return train_source(
-                TrainJob("CoffeeMaze", 0, frames, changes, method=method), registry, quiet, pace
+                TrainJob("CoffeeMaze", 0, frames, changes, method=method), registry, quiet, checkpointer
             )
         case [method, *mode]:
             teacher = teacher_of(method, load(TARGET))
             reused = {None: (), "hdm": ("policy-1", "policy-2"), "ppo": ("policy-3", "policy-4")}[teacher]
             changes = (FLAT if teacher == "ppo" else SMALL) | FEWER.get(method, {})
             asked = job(reused, *(mode or ["default"]), method=method, frames=frames, changes=changes)
-            return run_transfer(asked, registry, quiet, pace)
+            return run_transfer(asked, registry, quiet, checkpointer)
     raise ValueError(kind)
 
 

@@ -9,7 +9,7 @@ from paddlectl.agents.interaction import Interaction
 from paddlectl.logic.clauses import Program
 from paddlectl.tasks.base import Split, Task
 
-LANES = 1000
+MOST_ENVS = 1000
 """Most episodes that an evaluation plays side by side. Chance is drawn for all of them together, so another
 number would give more episodes than this other figures."""
 
@@ -38,11 +38,11 @@ class Evaluation:
 def evaluate(policy: Policy, task: Task, episodes: int, seed: int, split: Split = "evaluation") -> Evaluation:
     """Plays the first `episodes` layouts of `seed` and of that split, each once; nothing is learned.
 
-    A lane whose episode ends takes the next layout, so that memory is that of `LANES` episodes at most. All
-    chance comes from `seed`: whoever evaluates the same policy gets the same figures.
+    An environment whose episode ends takes the next layout, so that memory is that of `MOST_ENVS` episodes at
+    most. All chance comes from `seed`: whoever evaluates the same policy gets the same figures.
     """
-    environment = task.make(min(episodes, LANES), seed, policy.action_repeat, split)
-    player = policy.player(task, environment.lanes, np.random.SeedSequence(seed))
+    environment = task.make(min(episodes, MOST_ENVS), seed, policy.action_repeat, split)
+    player = policy.player(task, environment.num_envs, np.random.SeedSequence(seed))
     interaction = Interaction(environment, player)
     passed = np.zeros(policy.scene_count, np.intp)
     ended = solved = length = 0

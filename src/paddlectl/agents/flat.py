@@ -22,17 +22,17 @@ class FlatSettings:
 
     Attributes:
         frames: The usual budget.
-        lanes: Environments side by side.
-        block: Steps of every environment between two updates.
-        repeat: Steps of the task that one action lasts.
+        num_envs: Environments side by side.
+        rollout_steps: Steps of every environment between two updates.
+        action_repeat: Steps of the task that one action lasts.
         reward_unit: Rewards are counted in it.
         learner: The update rule's own.
     """
 
     frames: int = FRAMES
-    lanes: int = 64
-    block: int = 32
-    repeat: int = 1
+    num_envs: int = 64
+    rollout_steps: int = 32
+    action_repeat: int = 1
     reward_unit: float = 1.0
     learner: LearnerSettings = field(default_factory=PPOSettings)
 
@@ -51,14 +51,14 @@ class FlatPolicy(Policy):
         environment = task.make(1, 0)
         self.task = task
         self.settings = settings
-        self.action_repeat = settings.repeat
+        self.action_repeat = settings.action_repeat
         self.learner: Learner = settings.learner.learner(
             environment.flat_size, environment.actions.size, seed
         )
 
     def player(self, task: Task, environments: int, seed: np.random.SeedSequence) -> "FlatPlayer":
         """Plays by what was learned and learns nothing; all chance is `seed`'s."""
-        return FlatPlayer(self.learner.frozen(), np.random.default_rng(seed))
+        return FlatPlayer(self.learner.eval_actor(), np.random.default_rng(seed))
 
     def settings_document(self) -> dict[str, Any]:
         """Its settings as JSON-able values."""
@@ -95,13 +95,13 @@ class FlatAgent(Agent):
 
     def __init__(self, policy: FlatPolicy, rng: np.random.Generator) -> None:
         settings, environment = policy.settings, policy.task.make(1, 0)
-        self.rollout_steps = settings.block
+        self.rollout_steps = settings.rollout_steps
         self._policy = policy
         self._rng = rng
         self._t = 0
         actions = environment.actions
         self._buffer = RolloutBuffer.empty(
-            settings.block, settings.lanes, environment.flat_size, actions.shape, actions.dtype
+            settings.rollout_steps, settings.num_envs, environment.flat_size, actions.shape, actions.dtype
         )
 
     def act(self, environment: Environment) -> NDArray[Any]:
@@ -142,7 +142,7 @@ class FlatAgent(Agent):
 
 
 class ReusingAgent(FlatAgent):
-    """A flat learner with sources at hand, and the account of who was followed.
+    """A flat learner with sources at hand, and a record of who was followed.
 
     A method chooses in `_learn`, or in `act`, and takes that down by `_recorder.add`.
 
@@ -161,11 +161,11 @@ class ReusingAgent(FlatAgent):
         self._recorder = ReuseRecorder(policy.task, (TARGET_NAME, *sources), frames)
         self._now = 0
         self._valuations = np.zeros(
-            (self.rollout_steps, policy.settings.lanes, len(policy.task.vocabulary.atoms)), np.bool_
+            (self.rollout_steps, policy.settings.num_envs, len(policy.task.vocabulary.atoms)), np.bool_
         )
 
     def act(self, environment: Environment) -> NDArray[Any]:
-        """Explores as the learner does; the scene is kept for the account. [B, ...]"""
+        """Explores as the learner does; the scene is kept for the record. [B, ...]"""
         self._valuations[self._t] = environment.valuation()
         return super().act(environment)
 

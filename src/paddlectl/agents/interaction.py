@@ -33,8 +33,8 @@ class Interaction:
         self.environment = environment
         self.player = player
         self.frames = 0
-        self._order = np.arange(environment.lanes)
-        self._started = np.zeros(environment.lanes, np.intp)
+        self._order = np.arange(environment.num_envs)
+        self._started = np.zeros(environment.num_envs, np.intp)
 
     def run(self, steps: int) -> list[Episode]:
         """Takes so many steps in each environment; gives the episodes that ended, in order of ending."""
@@ -87,7 +87,7 @@ class Learning:
         self.agent = agent
         self.interaction = Interaction(environment, agent)
         self.budget = frames
-        self.round = agent.rollout_steps * environment.lanes * environment.repeat
+        self.round = agent.rollout_steps * environment.num_envs * environment.action_repeat
         self.left = max(1, frames // self.round)
 
     @property

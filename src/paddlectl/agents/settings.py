@@ -4,18 +4,41 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
+RENAMED: Mapping[str, str] = {
+    "lanes": "num_envs",
+    "block": "rollout_steps",
+    "repeat": "action_repeat",
+    "fading": "similarity_decay",
+    "curiosity": "target_floor",
+    "least_reached": "drop_below_success",
+    "audition_rate": "forced_trial_rate",
+    "audition_samples": "forced_trial_samples",
+    "practice_rate": "novel_subgoal_rate",
+    "practice_reached": "novel_subgoal_success",
+    "tracking": "tau",
+    "errands": "goal_exploration",
+    "errand_steps": "goal_exploration_steps",
+}
+"""What a setting was called when older runs and policies were stored -> what it is called now."""
+
 
 def restored(usual: Any, stored: Any, name: str) -> Any:
     """The values that were stored in the place of the usual ones; a name that isn't stored keeps its value.
+
+    Names are those of today, or those of `RENAMED`.
 
     Raises:
         ValueError: If there is a name that this version doesn't know, or a value of another kind.
     """
     if is_dataclass(usual) and not isinstance(usual, type):
-        if not isinstance(stored, Mapping) or not stored.keys() <= {each.name for each in fields(usual)}:
+        known = {each.name for each in fields(usual)}
+        if not isinstance(stored, Mapping):
+            raise ValueError(f"{name} can't be {str(stored)[:60]}")
+        today = {each if each in known else RENAMED.get(each, each): value for each, value in stored.items()}
+        if len(today) < len(stored) or not today.keys() <= known:
             raise ValueError(f"{name} can't be {str(stored)[:60]}")
         return replace(
-            usual, **{each: restored(getattr(usual, each), value, each) for each, value in stored.items()}
+            usual, **{each: restored(getattr(usual, each), value, each) for each, value in today.items()}
         )
     if isinstance(usual, tuple) and isinstance(stored, list | tuple):
         return tuple(restored(0, value, name) for value in stored)

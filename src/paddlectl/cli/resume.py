@@ -70,8 +70,8 @@ def resumable(
     if not names:  # and nothing that takes long to load
         return [], {}
     from paddlectl.cli.running import Asked
+    from paddlectl.experiments.checkpointer import require_resumable
     from paddlectl.experiments.jobs import Failure, ResumeJob
-    from paddlectl.experiments.pace import require_resumable
 
     asked, refused = [], {}
     for name in names:

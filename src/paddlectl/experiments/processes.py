@@ -227,7 +227,7 @@ def _work(job: Job, registry: str, events: Connection, every: float | None) -> N
 def _done(job: Job, registry: str, line: _Line, stop: Stop, every: float | None) -> Row:
     import torch
 
-    from paddlectl.experiments.pace import EVERY, Pace
+    from paddlectl.experiments.checkpointer import EVERY, Checkpointer
     from paddlectl.experiments.resuming import resume
     from paddlectl.experiments.runner import run_transfer, train_source
     from paddlectl.registry.store import Registry
@@ -238,7 +238,7 @@ def _done(job: Job, registry: str, line: _Line, stop: Stop, every: float | None)
     )  # not before: torch's import can't be stopped
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
-    pace = Pace(
+    checkpointer = Checkpointer(
         EVERY if every is None else every,
         stop,
         tell=lambda text: line.send_if_room(Note(text)),
@@ -247,10 +247,10 @@ def _done(job: Job, registry: str, line: _Line, stop: Stop, every: float | None)
     with Registry.open(registry) as opened:
         match job:
             case TrainJob():
-                return train_source(job, opened, line.send_if_room, pace)
+                return train_source(job, opened, line.send_if_room, checkpointer)
             case TransferJob():
-                return run_transfer(job, opened, line.send_if_room, pace)
-        return resume(job.run, opened, line.send_if_room, pace)
+                return run_transfer(job, opened, line.send_if_room, checkpointer)
+        return resume(job.run, opened, line.send_if_room, checkpointer)
 
 
 def _end_with_parent() -> None:

@@ -7,8 +7,8 @@ from typing import Any
 
 from paddlectl.agents.settings import restored
 from paddlectl.errors import IntegrityError
+from paddlectl.experiments.checkpointer import Checkpointer, require_resumable
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
-from paddlectl.experiments.pace import Pace, require_resumable
 from paddlectl.experiments.policies import needs_of
 from paddlectl.experiments.runner import run_transfer, train_source
 from paddlectl.registry import fields
@@ -18,7 +18,9 @@ from paddlectl.scenario import Scenario
 from paddlectl.tasks.base import Task
 
 
-def resume(run: str, registry: Registry, report: Callable[[Progress], None], pace: Pace) -> dict[str, Any]:
+def resume(
+    run: str, registry: Registry, report: Callable[[Progress], None], checkpointer: Checkpointer
+) -> dict[str, Any]:
     """Goes on where the run's last checkpoint was; it ends as if it had never been stopped.
 
     Returns:
@@ -32,11 +34,11 @@ def resume(run: str, registry: Registry, report: Callable[[Progress], None], pac
     """
     record = registry.run(run)
     require_resumable(record)
-    pace.resumed = record.id
+    checkpointer.resumed = record.id
     job = job_of(record)
     if isinstance(job, TrainJob):
-        return train_source(job, registry, report, pace)
-    return run_transfer(job, registry, report, pace)
+        return train_source(job, registry, report, checkpointer)
+    return run_transfer(job, registry, report, checkpointer)
 
 
 def job_of(run: RunRecord) -> TrainJob | TransferJob:

@@ -8,10 +8,10 @@ import numpy as np
 
 from paddlectl.agents.interaction import Learning
 from paddlectl.errors import IntegrityError, InvalidFileError
+from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.curves import curve_figures
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.log import RunLog, recorded, versions
-from paddlectl.experiments.pace import Pace
 from paddlectl.experiments.policies import keep, revive
 from paddlectl.logic.syntax import parse_program
 from paddlectl.methods.base import Method, Setup, Source, method_of
@@ -24,7 +24,7 @@ Report = Callable[[Progress], None]
 
 
 def train_source(
-    job: TrainJob, registry: Registry, report: Report, pace: Pace | None = None
+    job: TrainJob, registry: Registry, report: Report, checkpointer: Checkpointer | None = None
 ) -> dict[str, Any]:
     """Learns a source.
 
@@ -32,7 +32,7 @@ def train_source(
         job: What to learn.
         registry: Where it is kept.
         report: Told of each round.
-        pace: When checkpoints are kept, and the run to go on with, if any.
+        checkpointer: When checkpoints are kept, and the run to go on with, if any.
 
     Returns:
         A row of `train --json`.
@@ -42,8 +42,8 @@ def train_source(
     chosen = task.presets[job.preset] if job.preset else {}
     settings = method.settings_for(task, None, chosen, job.changes)
     frames = job.frames or settings.frames
-    pace = pace or Pace()
-    run = pace.begin(
+    checkpointer = checkpointer or Checkpointer()
+    run = checkpointer.begin(
         registry,
         lambda: registry.add_run(
             kind="train",
@@ -57,7 +57,9 @@ def train_source(
         ),
     )
     with recorded(registry, run) as log:
-        kept = _learned(registry, run, method, Setup(task, settings, job.seed, frames), log, report, pace)
+        kept = _learned(
+            registry, run, method, Setup(task, settings, job.seed, frames), log, report, checkpointer
+        )
         log.results = figures_of(kept)
     return {
         "run": run.id,
@@ -73,7 +75,7 @@ def train_source(
 
 
 def run_transfer(
-    job: TransferJob, registry: Registry, report: Report, pace: Pace | None = None
+    job: TransferJob, registry: Registry, report: Report, checkpointer: Checkpointer | None = None
 ) -> dict[str, Any]:
     """Learns a scenario's target.
 
@@ -81,7 +83,7 @@ def run_transfer(
         job: What to learn.
         registry: Where it is kept.
         report: Told of each round.
-        pace: When checkpoints are kept, and the run to go on with, if any.
+        checkpointer: When checkpoints are kept, and the run to go on with, if any.
 
     Returns:
         A row of `transfer --json`.
@@ -91,8 +93,8 @@ def run_transfer(
     settings = method.settings_for(task, job.scenario, job.changes)
     rules = job.rules or method.rules_for(task)
     reused = job.sources if entry_of(method.name).teaches else ()
-    pace = pace or Pace()
-    run = pace.begin(
+    checkpointer = checkpointer or Checkpointer()
+    run = checkpointer.begin(
         registry,
         lambda: registry.add_run(
             kind="transfer",
@@ -113,7 +115,7 @@ def run_transfer(
     with recorded(registry, run) as log:
         sources = tuple(_source(registry, policy) for policy in reused)
         setup = Setup(task, settings, job.seed, job.frames, sources, job.scenario, rules)
-        kept = _learned(registry, run, method, setup, log, report, pace)
+        kept = _learned(registry, run, method, setup, log, report, checkpointer)
         figures = curve_figures(log.ended(), log.frames)
         log.results = figures | {"mean_length": kept.mean_length, "crispness": kept.crispness}
     return {
@@ -128,17 +130,25 @@ def run_transfer(
 
 
 def _learned(
-    registry: Registry, run: RunRecord, method: Method, setup: Setup, log: RunLog, report: Report, pace: Pace
+    registry: Registry,
+    run: RunRecord,
+    method: Method,
+    setup: Setup,
+    log: RunLog,
+    report: Report,
+    checkpointer: Checkpointer,
 ) -> PolicyRecord:
     """Runs the method's agent within its budget, and keeps its policy."""
     agent = method.make(setup)
     layouts = np.random.SeedSequence(setup.seed).spawn(1)[0]
     settings = setup.settings
-    environment = setup.task.make(settings.lanes, int(layouts.generate_state(1)[0]), settings.repeat)
+    environment = setup.task.make(
+        settings.num_envs, int(layouts.generate_state(1)[0]), settings.action_repeat
+    )
     learning = Learning(environment, agent, setup.frames)
     _keep_documents(registry, run, agent.documents())
-    pace.tell_of_rounds(setup.frames, learning.round)
-    with pace.rounds(registry, log, {"learning": learning}) as after_round:
+    checkpointer.tell_of_rounds(setup.frames, learning.round)
+    with checkpointer.rounds(registry, log, {"learning": learning}) as after_round:
         for round_ in learning:
             log.add(round_)
             _keep_rows(registry, run, agent.record(round_.frames, round_.episodes, log.curve.known))

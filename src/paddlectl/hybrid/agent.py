@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from paddlectl.agents.base import Episode, ReuseRow, Tables
 from paddlectl.hybrid.policy import HybridPolicy
-from paddlectl.hybrid.rollout import Chooser, Rollout, Witness
+from paddlectl.hybrid.rollout import DecisionListener, Rollout, SubgoalSelector
 from paddlectl.learners.base import Actor
 from paddlectl.tasks.base import Environment, Floats, Step
 
@@ -21,42 +21,42 @@ class HybridAgent:
 
     Args:
         learner: Who learns.
-        chooser: Who decides.
-        actors: The low level of each guide that the chooser may name; the learner's own first.
+        selector: Who decides.
+        actors: The low level of each guide that the selector may name; the learner's own first.
         rng: Of what the actors leave to chance.
-        witnesses: Told of the decisions, besides the learner's own credit.
+        listeners: Learn from the decisions, besides the learner's own credit.
     """
 
     def __init__(
         self,
         learner: HybridPolicy,
-        chooser: Chooser,
+        selector: SubgoalSelector,
         actors: Sequence[Actor],
         rng: np.random.Generator,
-        witnesses: Sequence[Witness] = (),
+        listeners: Sequence[DecisionListener] = (),
     ) -> None:
         settings = learner.settings
         self.learner = learner
-        self.chooser = chooser
-        self.rollout_steps = settings.block
+        self.selector = selector
+        self.rollout_steps = settings.rollout_steps
         self.credit = learner.credit()
         self.rollout = Rollout(
-            settings.lanes,
+            settings.num_envs,
             learner.clauses,
-            chooser,
+            selector,
             actors,
             settings.decisions,
-            learner.buffer(settings.block, settings.lanes),
+            learner.buffer(settings.rollout_steps, settings.num_envs),
             rng,
-            [*witnesses, self.credit],
+            [*listeners, self.credit],
         )
         self._fresh = True
         self._recent = _Recent(len(learner.clauses.bodies))
 
     def act(self, environment: Environment) -> NDArray[Any]:
-        """As the rollout does; before a block the chooser reads the clause weights anew. [B, ...]"""
+        """As the rollout does; before a block the selector reads the clause weights anew. [B, ...]"""
         if self._fresh:
-            self.chooser.refresh()
+            self.selector.refresh()
         self._fresh = False
         return self.rollout.act(environment)
 

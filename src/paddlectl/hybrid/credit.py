@@ -1,4 +1,4 @@
-"""Q of Eq. 1: what a head was worth in its scene, by planning or by Monte-Carlo returns."""
+"""Q of Eq. 1: what a head was worth in its scene, from a model of the decisions or by Monte-Carlo returns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from paddlectl.hybrid.plan import Plan, Table
-from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, Outcome
+from paddlectl.hybrid.semi_markov import SemiMarkovModel, Table
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseLearner
 from paddlectl.tasks.base import Bools, Floats, Ints
@@ -16,8 +16,8 @@ from paddlectl.tasks.base import Bools, Floats, Ints
 class Credit(Protocol):
     """Turns decisions into updates of the clause weights."""
 
-    def decided(self, outcome: Outcome) -> None:
-        """Told of the decisions that ended in a step."""
+    def on_decision_end(self, outcome: Outcome) -> None:
+        """Counts the decisions that ended in a step."""
 
     def update(self) -> None:
         """Updates the weights, once a block."""
@@ -28,11 +28,11 @@ class CreditSettings:
     """How Q is estimated.
 
     Attributes:
-        planned: By `Plan`; otherwise by Monte-Carlo returns, as the paper has it.
-        memory: Latest decisions that a cell of the plan weighs.
+        planned: By `SemiMarkovModel`; otherwise by Monte-Carlo returns, as the paper has it.
+        memory: Latest decisions that a cell of the model weighs.
         prior: Decisions' worth of belief that a head is worth as much as its scene.
         sweeps: Of policy evaluation before each update.
-        steps: Gradient steps on the planned advantages of a block.
+        steps: Gradient steps on the model's advantages after a rollout.
         imitation_margin: A guide's head is imitated if it is worth at most so much less than the best. Where
             one place lies on the way to another, both are worth about the same, be they reached or not.
         batch: Episodes to a Monte-Carlo update.
@@ -47,12 +47,12 @@ class CreditSettings:
     batch: int = 16
 
 
-class PlannedCredit:
-    """Eq. 1 with the advantages of the plan's returns, for all heads at once.
+class ModelBasedCredit:
+    """Eq. 1 with the advantages of a model's returns, for all heads at once.
 
     Decisions count as soon as they end, whoever made them. A guided one that reached its subgoal is
     imitated too, weighted by its return: a crisp guide always takes the same head, so there is no other
-    to have an advantage over. But only as long as the plan knows no head there that is better by more than a
+    to have an advantage over. But only as long as the model knows no head there that is better by more than a
     margin: a guide may well reach a subgoal that leads nowhere.
 
     Args:
@@ -62,46 +62,46 @@ class PlannedCredit:
     """
 
     def __init__(self, clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> None:
-        situations = len(clauses.bodies) * LEVELS
+        scene_states = len(clauses.bodies) * PROGRESS
         self._clauses = clauses
         self._head_of = head_of
         self._settings = settings
-        self._plan = Plan(situations, len(clauses.heads), settings.memory)
-        self._values = np.zeros(situations)
-        self._visits = np.zeros(situations)
-        self._guided = np.zeros((situations, len(clauses.heads)))
+        self._model = SemiMarkovModel(scene_states, len(clauses.heads), settings.memory)
+        self._values = np.zeros(scene_states)
+        self._visits = np.zeros(scene_states)
+        self._guided = np.zeros((scene_states, len(clauses.heads)))
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         """Counts the decisions for the heads that the clauses know."""
         discounts = self._clauses.settings.discounts(outcome.steps)
         taught = (outcome.guides != TARGET) & outcome.reached
-        for situation, head, guided, discount, reward, terminated, following in zip(
-            outcome.situations,
+        for scene_state, head, guided, discount, reward, terminated, following in zip(
+            outcome.scene_states,
             self._head_of[outcome.heads],
             taught,
             discounts,
             outcome.rewards,
             outcome.terminated,
-            outcome.next_situations,
+            outcome.next_scene_states,
             strict=True,
         ):
             if head >= 0:
-                self._visits[situation] += 1
-                self._guided[situation, head] += guided
-                self._plan.record(situation, head, reward, None if terminated else following, discount)
+                self._visits[scene_state] += 1
+                self._guided[scene_state, head] += guided
+                self._model.record(scene_state, head, reward, None if terminated else following, discount)
 
     def update(self) -> None:
-        """Evaluates the present program in the plan, then follows its advantages."""
+        """Evaluates the present program in the model, then makes an expected update by its advantages."""
         if not self._visits.any():
             return
-        policy = np.repeat(self._clauses.probabilities(), LEVELS, axis=0)
+        policy = np.repeat(self._clauses.probabilities(), PROGRESS, axis=0)
         for _ in range(self._settings.sweeps):
-            returns = self._plan.returns(self._values, self._settings.prior)
+            returns = self._model.returns(self._values, self._settings.prior)
             self._values = (policy * returns).sum(-1)
         advantages = self._visits[:, None] * (returns - self._values[:, None])
         best = returns >= returns.max(-1, keepdims=True) - self._settings.imitation_margin
         imitation = self._guided * returns * best
-        self._clauses.follow(
+        self._clauses.expected_update(
             self._by_scene(advantages),
             self._by_scene(imitation),
             self._by_scene(self._visits),
@@ -112,7 +112,7 @@ class PlannedCredit:
 
     def _by_scene(self, table: Table) -> Table:
         """Summed over the levels of progress. [R, …] -> [S, …]"""
-        by_scene: Table = table.reshape(len(self._clauses.bodies), LEVELS, *table.shape[1:]).sum(1)
+        by_scene: Table = table.reshape(len(self._clauses.bodies), PROGRESS, *table.shape[1:]).sum(1)
         return by_scene
 
 
@@ -138,12 +138,12 @@ class MonteCarloCredit:
         self._going_on: dict[int, list[tuple[int, int, float, bool]]] = {}
         self._ended: list[Decisions] = []
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         """Keeps the decisions until their episodes end."""
         imitate = (outcome.guides != TARGET) & outcome.reached
         columns = (
             outcome.lanes,
-            outcome.situations // LEVELS,
+            outcome.scene_states // PROGRESS,
             outcome.heads,
             outcome.rewards,
             imitate,
@@ -179,5 +179,5 @@ def discounted_returns(rewards: Sequence[float], discount: float) -> Floats:
 
 def credit(clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> Credit:
     """The credit that the settings ask for."""
-    kind = PlannedCredit if settings.planned else MonteCarloCredit
+    kind = ModelBasedCredit if settings.planned else MonteCarloCredit
     return kind(clauses, head_of, settings)

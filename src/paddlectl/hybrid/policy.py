@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from paddlectl.agents.settings import changed, restored
 from paddlectl.hybrid.credit import Credit, CreditSettings, credit
-from paddlectl.hybrid.rollout import LEVELS, DecisionSettings, Rollout
+from paddlectl.hybrid.rollout import PROGRESS, DecisionSettings, Rollout
 from paddlectl.learners.base import Learner, LearnerSettings
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.learners.clauses import ClauseLearner, ClauseSettings
@@ -33,17 +33,17 @@ class HybridSettings:
 
     Attributes:
         frames: Of a source's training. PPO's learning rate falls to its end, so there is no stopping early.
-        lanes: Environments side by side.
-        block: Steps of every lane between two updates. Twice as many updates of half the samples cost the
-            same and learn faster.
-        repeat: Steps of the task that one action of the low level lasts.
+        num_envs: Environments side by side.
+        rollout_steps: Steps of every environment between two updates. Twice as many updates of half the
+            samples cost the same and learn faster.
+        action_repeat: Steps of the task that one action of the low level lasts.
         sharpness: Power of the head probabilities when a learned program is played.
     """
 
     frames: int = FRAMES
-    lanes: int = 64
-    block: int = 32
-    repeat: int = 1
+    num_envs: int = 64
+    rollout_steps: int = 32
+    action_repeat: int = 1
     sharpness: float = 3.0
     credit: CreditSettings = field(default_factory=CreditSettings)
     clauses: ClauseSettings = field(default_factory=ClauseSettings)
@@ -86,7 +86,7 @@ class HybridPolicy:
         environment = task.make(1, 0)
         vocabulary = task.vocabulary
         self.task = task
-        self.action_repeat = settings.repeat
+        self.action_repeat = settings.action_repeat
         self._sizes = environment.observation_size, environment.actions.shape, environment.actions.dtype
         self.settings = settings
         self.clauses = ClauseLearner(
@@ -137,8 +137,8 @@ class HybridPolicy:
         return Rollout(
             environments,
             _Reading(self.clauses, task),
-            OwnProgram(self, choices, self.settings.sharpness),
-            [self.low_level.frozen()],
+            ProgramSelector(self, choices, self.settings.sharpness),
+            [self.low_level.eval_actor()],
             self.settings.decisions,
             self.buffer(1, environments),
             actions,
@@ -149,7 +149,7 @@ class HybridPolicy:
         return RolloutBuffer.empty(steps, environments, *self._sizes)
 
     def credit(self) -> Credit:
-        """A new account of decisions for its clause weights to learn from."""
+        """A new credit of decisions for its clause weights to learn from."""
         return credit(self.clauses, task_heads(self.task), self.settings.credit)
 
     def settings_document(self) -> dict[str, Any]:
@@ -182,8 +182,8 @@ class _Reading:
         return self._clauses.scenes(padded[:, self._columns])
 
 
-class OwnProgram:
-    """The chooser of a policy that acts alone: samples heads from its clause weights."""
+class ProgramSelector:
+    """The selector of a policy that acts alone: samples heads from its clause weights."""
 
     def __init__(self, policy: HybridPolicy, rng: np.random.Generator, sharpness: float = 1.0) -> None:
         self._policy = policy
@@ -196,9 +196,9 @@ class OwnProgram:
         """Reads the clause weights anew, after an update."""
         self._probabilities = sharpened(self._policy.clauses.probabilities(), self._sharpness)
 
-    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
         """Its own guide, and a head sampled in each scene. [n], [n]"""
-        heads = sample_rows(self._probabilities[situations // LEVELS], self._rng)
+        heads = sample_rows(self._probabilities[scene_states // PROGRESS], self._rng)
         return np.full(len(lanes), TARGET), self._domain_head[heads]
 
 

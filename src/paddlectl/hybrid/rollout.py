@@ -1,4 +1,4 @@
-"""Hybrid decisions in B environments: a chooser picks subgoals, actors reach them.
+"""Hybrid decisions in B environments: a selector picks subgoals, actors reach them.
 
 A decision picks a head for the present scene. It ends when the subgoal is reached, when the scene
 changes in any other way, after `max_steps` steps, or with the episode (method, section 4). A
@@ -16,10 +16,10 @@ from paddlectl.learners.base import Actor
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.tasks.base import Bools, Environment, Floats, Ints, Step
 
-LEVELS = 6
+PROGRESS = 6
 """Levels of progress that are told apart within a scene.
 
-A situation is a scene and how many of the episode's decisions were paid: situation = scene * LEVELS + level.
+A scene state is a scene and how many of the episode's decisions were paid: scene * PROGRESS + progress.
 Milestones pay once an episode; a key that is put down and picked up again would else seem to pay again.
 """
 
@@ -50,17 +50,17 @@ class Outcome(NamedTuple):
     """Decisions that ended in one step, one a lane. Each field is [n].
 
     Attributes:
-        situations: Where it was taken.
+        scene_states: Where it was taken.
         rewards: Extrinsic reward within the decision.
         cut: It ended for no other reason than the horizon: whether it would have reached its subgoal isn't
             known.
         terminated: The task was solved with it: nothing is to come.
         truncated: The episode ended unsolved with it, at the horizon.
-        next_situations: Where it led.
+        next_scene_states: Where it led.
     """
 
     lanes: Ints
-    situations: Ints
+    scene_states: Ints
     heads: Ints
     guides: Ints
     steps: Ints
@@ -69,7 +69,7 @@ class Outcome(NamedTuple):
     cut: Bools
     terminated: Bools
     truncated: Bools
-    next_situations: Ints
+    next_scene_states: Ints
 
     @property
     def done(self) -> Bools:
@@ -77,21 +77,21 @@ class Outcome(NamedTuple):
         return self.terminated | self.truncated
 
 
-class Chooser(Protocol):
+class SubgoalSelector(Protocol):
     """Who decides: a program, or the guidance over several."""
 
     def refresh(self) -> None:
         """Reads the learning policy's clause weights anew; called before each block."""
 
-    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
         """The guide and the head, as an index into the domain's heads, for each lane. [n], [n]"""
 
 
-class Witness(Protocol):
-    """Who learns from what was decided."""
+class DecisionListener(Protocol):
+    """Who learns from decisions."""
 
-    def decided(self, outcome: "Outcome") -> None:
-        """Told of the decisions that ended in this step."""
+    def on_decision_end(self, outcome: "Outcome") -> None:
+        """Learns from the decisions that ended in this step."""
 
 
 class SceneReader(Protocol):
@@ -104,46 +104,46 @@ class Rollout:
     """The hybrid decisions of B environments: `agents.base.Player`.
 
     Args:
-        lanes: B.
+        num_envs: B.
         reader: Names the scenes.
-        chooser: Picks guide and head.
+        selector: Picks guide and head.
         actors: The low level of each guide; the learning policy's first.
         settings: When a decision ends.
         buffer: Where the low level's samples go, step after step; then from the start again.
         rng: Of what the actors leave to chance.
-        witnesses: Told of every decision that ended.
+        listeners: Learn from every decision that ended.
     """
 
     def __init__(
         self,
-        lanes: int,
+        num_envs: int,
         reader: SceneReader,
-        chooser: Chooser,
+        selector: SubgoalSelector,
         actors: Sequence[Actor],
         settings: DecisionSettings,
         buffer: RolloutBuffer,
         rng: np.random.Generator,
-        witnesses: Sequence[Witness] = (),
+        listeners: Sequence[DecisionListener] = (),
     ) -> None:
         self.buffer = buffer
         self._reader = reader
-        self._chooser = chooser
+        self._selector = selector
         self._actors = actors
         self._settings = settings
         self._rng = rng
-        self._witnesses = witnesses
+        self._listeners = listeners
         self._t = 0
-        self._head = np.zeros(lanes, np.intp)
-        self._guide = np.zeros(lanes, np.intp)
-        self._since = np.zeros(lanes, np.intp)
-        self._steps = np.zeros(lanes, np.intp)
-        self._limit = np.zeros(lanes, np.intp)
-        self._reward = np.zeros(lanes, np.float32)
-        self._level = np.zeros(lanes, np.intp)
-        self._pending = np.ones(lanes, np.bool_)
-        self._scene = np.zeros(lanes, np.intp)
+        self._head = np.zeros(num_envs, np.intp)
+        self._guide = np.zeros(num_envs, np.intp)
+        self._since = np.zeros(num_envs, np.intp)
+        self._steps = np.zeros(num_envs, np.intp)
+        self._limit = np.zeros(num_envs, np.intp)
+        self._reward = np.zeros(num_envs, np.float32)
+        self._progress = np.zeros(num_envs, np.intp)
+        self._pending = np.ones(num_envs, np.bool_)
+        self._scene = np.zeros(num_envs, np.intp)
         self._restarted = True
-        self._passed: list[dict[int, None]] = [{} for _ in range(lanes)]  # as sets
+        self._passed: list[dict[int, None]] = [{} for _ in range(num_envs)]  # as sets
         self._ended: dict[int, tuple[int, ...]] = {}
 
     def act(self, environment: Environment) -> NDArray[Any]:
@@ -196,8 +196,8 @@ class Rollout:
         lanes = np.flatnonzero(self._pending)
         if not len(lanes):
             return
-        self._guide[lanes], self._head[lanes] = self._chooser.choose(
-            lanes, self._scene[lanes] * LEVELS + self._level[lanes]
+        self._guide[lanes], self._head[lanes] = self._selector.select(
+            lanes, self._scene[lanes] * PROGRESS + self._progress[lanes]
         )
         most = self._settings.max_steps
         patience = np.where(self._guide == TARGET, most, int(self._settings.patience * most))
@@ -219,11 +219,11 @@ class Rollout:
         if not len(lanes):
             return
         scenes, rewards = self._scene[lanes], self._reward[lanes]
-        level = self._level[lanes]
-        self._level[lanes] = np.minimum(level + (rewards > 0), LEVELS - 1)
+        progress = self._progress[lanes]
+        self._progress[lanes] = np.minimum(progress + (rewards > 0), PROGRESS - 1)
         outcome = Outcome(
             lanes,
-            scenes * LEVELS + level,
+            scenes * PROGRESS + progress,
             self._head[lanes],
             self._guide[lanes],
             self._steps[lanes],
@@ -232,17 +232,17 @@ class Rollout:
             cut[lanes],
             step.terminated[lanes],
             step.truncated[lanes],
-            next_scenes[lanes] * LEVELS + self._level[lanes],
+            next_scenes[lanes] * PROGRESS + self._progress[lanes],
         )
         for lane, scene in zip(lanes.tolist(), scenes.tolist(), strict=True):
             self._passed[lane][scene] = None
-        for witness in self._witnesses:
-            witness.decided(outcome)
+        for listener in self._listeners:
+            listener.on_decision_end(outcome)
 
     def _forget(self, lanes: Ints) -> None:
         """The lanes' episodes are over."""
         self._restarted = len(lanes) > 0
         self._ended = {lane: tuple(sorted(self._passed[lane])) for lane in lanes.tolist()}
-        self._level[lanes] = 0
+        self._progress[lanes] = 0
         for lane in self._ended:
             self._passed[lane] = {}

@@ -30,11 +30,11 @@ class Learner(Actor, Protocol):
     def anneal(self, done: float) -> None:
         """Told which share of the budget is used up, in [0, 1]."""
 
-    def frozen(self) -> Actor:
-        """The same actor once it has learned: it explores less."""
+    def eval_actor(self) -> Actor:
+        """The same actor for evaluation: it explores less."""
 
-    def guide(self) -> Actor:
-        """The same actor as it leads another policy."""
+    def teacher_actor(self) -> Actor:
+        """The same actor as the teacher of another policy."""
 
     def state(self) -> dict[str, torch.Tensor]:
         """The networks' tensors by name."""
@@ -42,8 +42,8 @@ class Learner(Actor, Protocol):
     def load(self, state: dict[str, torch.Tensor]) -> None:
         """Takes the networks' tensors from `state`."""
 
-    def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
-        """Starts from another's tensors, its preferences weakened to a share of them so that it explores."""
+    def warm_start(self, state: dict[str, torch.Tensor], logit_scale: float) -> None:
+        """Starts from another's tensors, the actor's logits times `logit_scale`, so that it explores."""
 
 
 class LearnerSettings(Protocol):

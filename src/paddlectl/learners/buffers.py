@@ -52,12 +52,12 @@ class RolloutBuffer:
     def empty(
         cls,
         steps: int,
-        lanes: int,
+        num_envs: int,
         observation_size: int,
         action_shape: tuple[int, ...] = (),
         action_dtype: type[np.generic] = np.int64,
     ) -> "RolloutBuffer":
-        shape = (steps, lanes)
+        shape = (steps, num_envs)
         return cls(
             observations=np.zeros((*shape, observation_size), np.float32),
             actions=np.zeros((*shape, *action_shape), action_dtype),
@@ -70,7 +70,7 @@ class RolloutBuffer:
             truncated=np.zeros(shape, np.bool_),
             guides=np.zeros(shape, np.intp),
             final_observations=np.zeros((*shape, observation_size), np.float32),
-            last_observations=np.zeros((lanes, observation_size), np.float32),
+            last_observations=np.zeros((num_envs, observation_size), np.float32),
         )
 
     @property

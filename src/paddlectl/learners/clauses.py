@@ -128,7 +128,7 @@ class ClauseLearner:
         gradient_step(self._optimiser, loss)
         self._update_baseline(scene, return_)
 
-    def follow(
+    def expected_update(
         self,
         advantages: NDArray[np.float64],
         imitation: NDArray[np.float64],

@@ -203,7 +203,7 @@ class StepDQNSettings(DQNSettings):
         return StepDQN(observation_size, actions, seed, self)
 
 
-class FrozenDQN(NamedTuple):
+class DQNEvalActor(NamedTuple):
     """An actor that doesn't learn."""
 
     act: Callable[[Floats, np.random.Generator], tuple[Ints, Floats]]
@@ -220,13 +220,13 @@ class StepDQN:
         """ε-greedy actions [B], and zeros [B]."""
         return self._act(observations, rng, self.dqn.exploration)
 
-    def frozen(self) -> FrozenDQN:
-        """The same actor once it has learned: it explores less."""
-        return FrozenDQN(partial(self._act, exploration=self.settings.noise))
+    def eval_actor(self) -> DQNEvalActor:
+        """The same actor for evaluation: it explores less."""
+        return DQNEvalActor(partial(self._act, exploration=self.settings.noise))
 
-    def guide(self) -> FrozenDQN:
-        """The same actor as it leads another policy."""
-        return self.frozen()
+    def teacher_actor(self) -> DQNEvalActor:
+        """The same actor as the teacher of another policy."""
+        return self.eval_actor()
 
     @torch.no_grad()
     def values_of(self, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
@@ -253,7 +253,7 @@ class StepDQN:
         """Takes the network's tensors from `state`."""
         self.dqn.load(state)
 
-    def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
+    def warm_start(self, state: dict[str, torch.Tensor], logit_scale: float) -> None:
         """Starts from another's network as it is: ε alone says how much it explores."""
         self.load(state)
 

@@ -59,7 +59,7 @@ class PPOSettings:
         return PPO(observation_size, actions, seed, self)
 
 
-class FrozenPPO(NamedTuple):
+class PPOEvalActor(NamedTuple):
     """An actor that doesn't learn."""
 
     act: Callable[[NDArray[np.float32], np.random.Generator], tuple[NDArray[np.int64], NDArray[np.float32]]]
@@ -106,12 +106,12 @@ class PPO:
         """Samples actions [B] and their log-probabilities [B] for observations [B, D]."""
         return self._sample(observations, rng, 1.0)
 
-    def frozen(self) -> "FrozenPPO":
-        """The same actor once it has learned: it explores less."""
-        return FrozenPPO(partial(self._sample, sharpness=self.settings.sharpness))
+    def eval_actor(self) -> "PPOEvalActor":
+        """The same actor for evaluation: it explores less."""
+        return PPOEvalActor(partial(self._sample, sharpness=self.settings.sharpness))
 
-    def guide(self) -> "PPO":
-        """The same actor as it leads another policy: as it learned, so that it hardly gets stuck."""
+    def teacher_actor(self) -> "PPO":
+        """The same actor as the teacher of another policy: as it learned, so that it hardly gets stuck."""
         return self
 
     @torch.no_grad()
@@ -171,11 +171,11 @@ class PPO:
         load_named(self._networks(), state)
 
     @torch.no_grad()
-    def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
-        """Starts from another's networks, the actor's log-odds times `share` so that it explores again."""
+    def warm_start(self, state: dict[str, torch.Tensor], logit_scale: float) -> None:
+        """Starts from another's networks, the actor's logits times `logit_scale`: it explores again."""
         self.load(state)
         for parameter in list(self.actor.parameters())[-2:]:  # weights and biases of the last layer
-            parameter.mul_(share)
+            parameter.mul_(logit_scale)
 
     @torch.no_grad()
     def _targets(self, buffer: RolloutBuffer) -> tuple[torch.Tensor, torch.Tensor]:

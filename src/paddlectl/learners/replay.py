@@ -66,16 +66,16 @@ class Replay:
 
     Args:
         capacity: Transitions that are kept.
-        lanes: B.
+        num_envs: B.
         observation_size: D.
         actions: Numbers in an action.
         hindsight: How samples are drawn.
     """
 
     def __init__(
-        self, capacity: int, lanes: int, observation_size: int, actions: int, hindsight: Hindsight
+        self, capacity: int, num_envs: int, observation_size: int, actions: int, hindsight: Hindsight
     ) -> None:
-        shape = (max(2, capacity // lanes), lanes)
+        shape = (max(2, capacity // num_envs), num_envs)
         self.hindsight = hindsight
         self.rows = 0  # written so far; row r lies in place r % capacity
         self.observations = np.zeros((*shape, observation_size), np.float32)
@@ -85,7 +85,7 @@ class Replay:
         self.reached = np.zeros(shape, np.bool_)
         self.terminated = np.zeros(shape, np.bool_)
         self.episode = np.zeros(shape, np.intp)
-        self._running = np.arange(lanes)
+        self._running = np.arange(num_envs)
 
     def __len__(self) -> int:
         """Transitions that are kept."""
@@ -108,8 +108,8 @@ class Replay:
 
     def sample(self, count: int, rng: np.random.Generator) -> Transitions:
         """Draws transitions, some of them with another goal in mind."""
-        size, lanes = min(self.rows, len(self.rewards)), self.rewards.shape[1]
-        age, lane = rng.integers(1, size + 1, count), rng.integers(lanes, size=count)
+        size, num_envs = min(self.rows, len(self.rewards)), self.rewards.shape[1]
+        age, lane = rng.integers(1, size + 1, count), rng.integers(num_envs, size=count)
         at = (self._place(age), lane)
         observations, following = self.observations[at], self.following[at]
         rewards, reached = self.rewards[at], self.reached[at]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
-from paddlectl.learners.exploration import Errands
+from paddlectl.learners.goal_exploration import GoalExploration
 from paddlectl.learners.networks import HIDDEN, GoalFeatures, gradient_step, load_named, mlp
 from paddlectl.learners.replay import Hindsight, Replay, Transitions
 
@@ -40,7 +40,7 @@ class TD3Settings:
         policy_noise: Deviation of the noise on the target's action, cut at `noise_clip`.
         noise_clip: See there.
         exploration: Deviation of the noise on an action.
-        tracking: τ, by which the slow copies follow.
+        tau: τ, by which the slow copies follow.
         hidden: Units of each layer.
         warm_up: Actions before the first update, at random unless something was inherited.
         capacity: Transitions that are kept.
@@ -52,8 +52,9 @@ class TD3Settings:
             seen stays within bounds.
         random_actions: Share of actions drawn at random, from none in the first lane to this in the last: one
             goes a long way while another looks around. It falls to nothing over the budget.
-        errands: Share of the time on errands (`exploration.Errands`). It falls to nothing over the budget.
-        errand_steps: Actions that one lasts, on average.
+        goal_exploration: Share of the time on the way to places seen before (`GoalExploration`). It falls
+            to nothing over the budget.
+        goal_exploration_steps: Actions on the way to one of them, on average.
         goal_size: Numbers at the ends of an observation that say what is achieved and what is desired.
         radius: Within which a goal is reached.
         goal_reward: Of reaching it, as the decisions pay.
@@ -77,7 +78,7 @@ class TD3Settings:
     policy_noise: float = 0.2
     noise_clip: float = 0.5
     exploration: float = 0.1
-    tracking: float = 0.005
+    tau: float = 0.005
     hidden: tuple[int, ...] = HIDDEN
     warm_up: int = 1000
     capacity: int = 1_000_000
@@ -85,8 +86,8 @@ class TD3Settings:
     cloning: bool = False
     normalised: bool = False
     random_actions: float = 0.0
-    errands: float = 0.0
-    errand_steps: float = 12.0
+    goal_exploration: float = 0.0
+    goal_exploration_steps: float = 12.0
     goal_size: int = 0
     radius: float = 0.0
     goal_reward: float = 1.0
@@ -103,7 +104,7 @@ class TD3Settings:
         return TD3(observation_size, actions, seed, self)
 
 
-class FrozenTD3(NamedTuple):
+class TD3EvalActor(NamedTuple):
     """An actor that doesn't learn."""
 
     act: Callable[[Floats, np.random.Generator], tuple[Floats, Floats]]
@@ -151,13 +152,13 @@ class TD3:
         self._left = 1.0
         self._own = 1.0
         self._skilled = False
-        self._errands = Errands(s.goal_size, s.errand_steps)
+        self._goal_exploration = GoalExploration(s.goal_size, s.goal_exploration_steps)
 
     def act(self, observations: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """Actions with the noise of exploration [B, A], and zeros [B].
 
-        It goes on errands, and acts at random, the less the more others act for it. Who clones does neither,
-        and without noise.
+        It explores by goals, and acts at random, the less the more others act for it. Who clones does
+        neither, and without noise.
         """
         s, shape = self.settings, (len(observations), self.actions)
         if self._clones:
@@ -166,20 +167,21 @@ class TD3:
         if self.replay and self._warm(self.replay):
             exploring = self._left * self._own
             rate = np.linspace(0.0, s.random_actions * exploring, shape[0])
-            if s.errands:
-                observations = self._errands.send(observations, self.replay, s.errands * exploring, rng)
+            if s.goal_exploration:
+                share = s.goal_exploration * exploring
+                observations = self._goal_exploration.send(observations, self.replay, share, rng)
         noisy = _best(self.online, observations, rng)[0] + rng.normal(0.0, s.exploration, shape)
         anyhow = rng.random(shape[0]) < rate
         actions = np.where(anyhow[:, None], rng.uniform(-1.0, 1.0, shape), noisy.clip(-1.0, 1.0))
         return actions.astype(np.float32), np.zeros(shape[0], np.float32)
 
-    def frozen(self) -> FrozenTD3:
+    def eval_actor(self) -> TD3EvalActor:
         """The actor's slow copy, without noise: it trembles less from one update to the next."""
-        return FrozenTD3(partial(_best, self.slow))
+        return TD3EvalActor(partial(_best, self.slow))
 
-    def guide(self) -> FrozenTD3:
-        """The same actor as it leads another policy."""
-        return self.frozen()
+    def teacher_actor(self) -> TD3EvalActor:
+        """The same actor as the teacher of another policy."""
+        return self.eval_actor()
 
     @property
     def _clones(self) -> bool:
@@ -210,9 +212,9 @@ class TD3:
             self._imitate(buffer)
             return
         if self.replay is None:
-            lanes, size = buffer.last_observations.shape
+            num_envs, size = buffer.last_observations.shape
             hindsight = Hindsight(s.goal_size, s.radius, s.goal_reward, s.hindsight, s.other_goals, s.span)
-            self.replay = Replay(s.capacity, lanes, size, self.actions, hindsight)
+            self.replay = Replay(s.capacity, num_envs, size, self.actions, hindsight)
         self.replay.add(buffer)
         self._own = float((buffer.guides == TARGET).mean())
         if not self._warm(self.replay):
@@ -280,7 +282,7 @@ class TD3:
     def _track(self) -> None:
         """θ' ← τ θ + (1 - τ) θ'."""
         for slow, online in zip(self.slow.parameters(), self.online.parameters(), strict=True):
-            slow.lerp_(online, self.settings.tracking)
+            slow.lerp_(online, self.settings.tau)
 
     def anneal(self, done: float) -> None:
         """Sets learning rate and exploration for the share of the budget that is used up, in [0, 1]."""
@@ -301,8 +303,8 @@ class TD3:
         """Takes the networks' tensors from `state`."""
         load_named(self._networks(), state)
 
-    def inherit(self, state: dict[str, torch.Tensor], share: float) -> None:
-        """Starts from another's networks as they are: there are no odds that a share could weaken."""
+    def warm_start(self, state: dict[str, torch.Tensor], logit_scale: float) -> None:
+        """Starts from another's networks as they are: it has no logits to scale."""
         self.load(state)
         self._skilled = True
 

@@ -25,7 +25,7 @@ from paddlectl.methods.base import Method, Setup
 from paddlectl.tasks.base import Environment, Floats, Task
 
 TOLD_EVERY = 8
-"""Steps of a block between two whose attention is told: the account costs a forward pass."""
+"""Steps of a block between two whose attention is told: the record costs a forward pass."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ USUAL = FlatSettings(learner=CompoNetSettings())
 class CompoNetAgent(ReusingAgent):
     """PPO of a module that has its sources in it.
 
-    The account: by its attention the output head follows a source; the weight is the share of the logits
+    The record: by its attention the output head follows a source; the weight is the share of the logits
     that comes from there, and the target's is the internal policy's.
     """
 

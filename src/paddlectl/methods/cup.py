@@ -204,7 +204,7 @@ class CUPAgent(ReusingAgent):
         self._guided = progress >= self.settings.start
         return super().update(environment, progress)
 
-    def _account(self, found: Guidance, rows: int) -> Mapping[str, float]:
+    def _figures(self, found: Guidance, rows: int) -> Mapping[str, float]:
         """Takes down who guides in the latest rows of the block."""
         advantages, guide = found.advantages.numpy(), found.guide.numpy()
         valuations = self._valuations[-rows:].reshape(len(guide), -1)
@@ -249,7 +249,7 @@ class CUPOverPPO(CUPAgent):
             return over_ppo(log_probs, sources[places], counted[places], self.settings).loss
 
         learner.update(buffer, loss)
-        return self._account(over_ppo(own, sources, values, self.settings), self.rollout_steps)
+        return self._figures(over_ppo(own, sources, values, self.settings), self.rollout_steps)
 
 
 class CUPOverTD3(CUPAgent):
@@ -268,7 +268,7 @@ class CUPOverTD3(CUPAgent):
         learner.update(self._buffer, loss)
         latest = torch.from_numpy(self._buffer.observations[-1])
         own = learner.actions_of(latest)
-        return self._account(over_td3(own, latest, sources, learner, self.settings), 1)
+        return self._figures(over_td3(own, latest, sources, learner, self.settings), 1)
 
 
 OVER = {"ppo": CUPOverPPO, "td3": CUPOverTD3}

@@ -18,7 +18,7 @@ import torch
 from paddlectl.agents.evaluation import evaluate
 from paddlectl.errors import UsageError
 from paddlectl.hybrid.agent import HybridAgent
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, OwnProgram, settings_for, settings_from
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, ProgramSelector, settings_for, settings_from
 from paddlectl.learners.clauses import ClauseLearner
 from paddlectl.methods.base import Method, Setup
 from paddlectl.tasks.base import Task
@@ -32,9 +32,9 @@ class FinetuneAgent(HybridAgent):
 
     def __init__(self, learner: HybridPolicy, seed: int, starts: Mapping[str, float], chosen: str) -> None:
         layouts, choices = np.random.SeedSequence(seed).spawn(2)
-        chooser = OwnProgram(learner, np.random.default_rng(choices))
+        selector = ProgramSelector(learner, np.random.default_rng(choices))
         actions = np.random.default_rng(layouts.spawn(1)[0])
-        super().__init__(learner, chooser, [learner.low_level], actions)
+        super().__init__(learner, selector, [learner.low_level], actions)
         self._start = {"chosen": chosen, "success_before_learning": dict(starts)}
 
     def documents(self) -> Mapping[str, Any]:
@@ -61,7 +61,7 @@ def start_from(source: Any, setup: Setup) -> HybridPolicy:
     take_clauses(target.clauses, source.clauses)
     theirs, own = source.low_level.state(), target.low_level.state()
     if {name: tensor.shape for name, tensor in theirs.items()} == {n: t.shape for n, t in own.items()}:
-        target.low_level.inherit(theirs, 1.0)
+        target.low_level.warm_start(theirs, 1.0)
     return target
 
 

@@ -11,12 +11,12 @@ USUAL = {
     "ppo": FlatSettings(learner=PPOSettings()),
     "td3": FlatSettings(
         frames=2_000_000,
-        lanes=32,
-        block=8,
-        repeat=20,
+        num_envs=32,
+        rollout_steps=8,
+        action_repeat=20,
         reward_unit=100.0,
         learner=TD3Settings(
-            learning_rate=1e-3, final_rate=0.2, optimiser="adam", update_every=16, tracking=0.05,
+            learning_rate=1e-3, final_rate=0.2, optimiser="adam", update_every=16, tau=0.05,
             hidden=(256, 256), normalised=True, exploration=0.2, random_actions=0.9, saturation_cost=1.0,
         ),
     ),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from paddlectl.hybrid.agent import HybridAgent
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, OwnProgram, settings_for, settings_from
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, ProgramSelector, settings_for, settings_from
 from paddlectl.methods.base import Method, Setup
 from paddlectl.tasks.base import Task
 
@@ -17,8 +17,8 @@ def make(setup: Setup) -> HybridAgent:
     """Its own program decides, its own low level acts."""
     learner = HybridPolicy(setup.task, setup.seed, setup.settings)
     layouts, choices = np.random.SeedSequence(setup.seed).spawn(2)
-    chooser = OwnProgram(learner, np.random.default_rng(choices))
-    return HybridAgent(learner, chooser, [learner.low_level], np.random.default_rng(layouts.spawn(1)[0]))
+    selector = ProgramSelector(learner, np.random.default_rng(choices))
+    return HybridAgent(learner, selector, [learner.low_level], np.random.default_rng(layouts.spawn(1)[0]))
 
 
 def _settings(task: Task, _: Any, *changes: Any) -> HybridSettings:

@@ -35,9 +35,9 @@ class HDQNSettings:
 
     Attributes:
         frames: The usual budget.
-        lanes: Environments side by side.
-        block: Steps of every environment between two updates.
-        repeat: Steps of the task that one action lasts.
+        num_envs: Environments side by side.
+        rollout_steps: Steps of every environment between two updates.
+        action_repeat: Steps of the task that one action lasts.
         meta: The meta-controller's.
         discounts: γ of a decision, by its length.
         low_level: The controller's.
@@ -45,9 +45,9 @@ class HDQNSettings:
     """
 
     frames: int = FRAMES
-    lanes: int = 64
-    block: int = 32
-    repeat: int = 1
+    num_envs: int = 64
+    rollout_steps: int = 32
+    action_repeat: int = 1
     meta: DQNSettings = field(default_factory=partial(DQNSettings, capacity=20_000))  # kept in checkpoints
     discounts: ClauseSettings = field(default_factory=ClauseSettings)
     low_level: LearnerSettings = field(default_factory=PPOSettings)
@@ -72,7 +72,7 @@ class HDQNPolicy:
         environment = task.make(1, 0)
         self.task = task
         self.settings = settings
-        self.action_repeat = settings.repeat
+        self.action_repeat = settings.action_repeat
         self.meta = DQN(environment.flat_size, len(task.heads), seed, settings.meta)
         self.low_level: Learner = settings.low_level.learner(
             environment.observation_size, environment.actions.size, seed
@@ -82,15 +82,15 @@ class HDQNPolicy:
     def player(self, task: Task, environments: int, seed: np.random.SeedSequence) -> "HDQNPlayer":
         """Plays its best subgoals by the frozen controller; all chance is `seed`'s."""
         choices, actions = map(np.random.default_rng, seed.spawn(2))
-        chooser = MetaController(self, environments, choices, learns=False)
-        rollout = self.rollout(task, environments, chooser, self.low_level.frozen(), 1, actions)
-        return HDQNPlayer(rollout, chooser)
+        selector = MetaController(self, environments, choices, learns=False)
+        rollout = self.rollout(task, environments, selector, self.low_level.eval_actor(), 1, actions)
+        return HDQNPlayer(rollout, selector)
 
     def rollout(
         self,
         task: Task,
         environments: int,
-        chooser: "MetaController",
+        selector: "MetaController",
         actor: Any,
         steps: int,
         rng: np.random.Generator,
@@ -99,9 +99,9 @@ class HDQNPolicy:
         atoms = task.vocabulary.atoms
         reader = ClauseLearner(atoms, scenes(atoms, task.vocabulary.exclusions), task.heads, 0)
         buffer = RolloutBuffer.empty(steps, environments, *self._sizes)
-        witnesses = [chooser] if chooser.learns else []
+        listeners = [selector] if selector.learns else []
         return Rollout(
-            environments, reader, chooser, [actor], self.settings.decisions, buffer, rng, witnesses
+            environments, reader, selector, [actor], self.settings.decisions, buffer, rng, listeners
         )
 
     def played_program(self, passed: Ints, episodes: int) -> tuple[None, None]:
@@ -127,7 +127,7 @@ class MetaController:
 
     Args:
         policy: Whose Q.
-        lanes: B.
+        num_envs: B.
         rng: Of its draws.
         learns: Whether it explores, and keeps what it sees.
 
@@ -136,20 +136,20 @@ class MetaController:
     """
 
     def __init__(
-        self, policy: HDQNPolicy, lanes: int, rng: np.random.Generator, *, learns: bool = True
+        self, policy: HDQNPolicy, num_envs: int, rng: np.random.Generator, *, learns: bool = True
     ) -> None:
         self.learns = learns
-        self.state: Floats = np.zeros((lanes, 0), np.float32)
+        self.state: Floats = np.zeros((num_envs, 0), np.float32)
         self._policy = policy
         self._rng = rng
-        self._began: list[Floats | None] = [None] * lanes
+        self._began: list[Floats | None] = [None] * num_envs
         self._domain_head = domain_heads(policy.task)
         self._own_head = task_heads(policy.task)
 
     def refresh(self) -> None:
         """Nothing: Q is read anew at each choice."""
 
-    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
         """Its own controller, and a subgoal for each lane. [n], [n]"""
         states = self.state[lanes]
         for lane, state in zip(lanes, states, strict=True):
@@ -158,7 +158,7 @@ class MetaController:
         chosen = meta.act(states, self._rng) if self.learns else meta.values(states).argmax(-1)
         return np.full(len(lanes), TARGET), self._domain_head[chosen]
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         """Learns from the decisions that ended; `state` is what they led to."""
         discounts = self._policy.settings.discounts.discounts(outcome.steps)
         began = np.stack([self._began[lane] for lane in outcome.lanes])
@@ -174,20 +174,20 @@ class MetaController:
 
 
 class HDQNPlayer:
-    """Acts by a rollout whose chooser sees the whole state."""
+    """Acts by a rollout whose selector sees the whole state."""
 
-    def __init__(self, rollout: Rollout, chooser: MetaController) -> None:
+    def __init__(self, rollout: Rollout, selector: MetaController) -> None:
         self.rollout = rollout
-        self.chooser = chooser
+        self.selector = selector
 
     def act(self, environment: Environment) -> NDArray[Any]:
         """[B, ...]"""
-        self.chooser.state = environment.flat_state()
+        self.selector.state = environment.flat_state()
         return self.rollout.act(environment)
 
     def observe(self, environment: Environment, step: Step) -> None:
         """Ends decisions."""
-        self.chooser.state = environment.flat_state()
+        self.selector.state = environment.flat_state()
         self.rollout.observe(environment, step)
 
     def scenes(self, lane: int) -> tuple[int, ...]:
@@ -202,12 +202,14 @@ class HDQNAgent(HDQNPlayer):
         settings = policy.settings
         layouts, choices = np.random.SeedSequence(seed).spawn(2)
         actions = np.random.default_rng(layouts.spawn(1)[0])
-        chooser = MetaController(policy, settings.lanes, np.random.default_rng(choices))
-        self.rollout_steps = settings.block
+        selector = MetaController(policy, settings.num_envs, np.random.default_rng(choices))
+        self.rollout_steps = settings.rollout_steps
         self._policy = policy
         super().__init__(
-            policy.rollout(policy.task, settings.lanes, chooser, policy.low_level, settings.block, actions),
-            chooser,
+            policy.rollout(
+                policy.task, settings.num_envs, selector, policy.low_level, settings.rollout_steps, actions
+            ),
+            selector,
         )
 
     def update(self, environment: Environment, progress: float) -> Mapping[str, float]:
@@ -247,9 +249,9 @@ def _usual(task: Task) -> HDQNSettings:
     hybrid = settings_for(task)
     return HDQNSettings(
         hybrid.frames,
-        hybrid.lanes,
-        hybrid.block,
-        hybrid.repeat,
+        hybrid.num_envs,
+        hybrid.rollout_steps,
+        hybrid.action_repeat,
         discounts=hybrid.clauses,
         low_level=hybrid.low_level,
         decisions=hybrid.decisions,

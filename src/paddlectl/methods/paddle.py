@@ -15,10 +15,10 @@ from paddlectl.methods.base import Method, Setup
 from paddlectl.scenario import Scenario, Similarity
 from paddlectl.tasks.base import GUIDED, Task
 from paddlectl.transfer import guides
-from paddlectl.transfer.account import Account
 from paddlectl.transfer.candidates import Source, candidates_of, most_similar
 from paddlectl.transfer.documents import mapping_document
 from paddlectl.transfer.guidance import GuidanceSettings
+from paddlectl.transfer.recorder import GuideRecorder
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
 EARLY = 100
@@ -29,8 +29,8 @@ class PaddleAgent(HybridAgent):
     """Algorithm 2.
 
     At each decision the scene is looked up in Ψ and the candidate of largest Λ leads (lines 5-14,
-    `GuideChooser.choose`); its return is taken down (lines 16-19, `GuideChooser.decided`); after each
-    block of steps the target learns from all of it (line 22). The sources stay as they are.
+    `GuideSelector.select`); its return is taken down (lines 16-19, `GuideSelector.on_decision_end`); after
+    each rollout the target learns from all of it (line 22). The sources stay as they are.
 
     It keeps the weights and an episode of the first hundred, and of the last tenth of the run.
     """
@@ -39,16 +39,16 @@ class PaddleAgent(HybridAgent):
         self,
         target: HybridPolicy,
         sources: Sequence[Source],
-        chooser: guides.GuideChooser,
+        selector: guides.GuideSelector,
         mapping: Mapping[str, Any],
         seed: int,
         frames: int,
     ) -> None:
         rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0].spawn(1)[0])
-        actors = [target.low_level, *(source.low_level.guide() for source in sources)]
-        super().__init__(target, chooser, actors, rng, [chooser])
-        self.guides = chooser
-        self._account = Account(chooser, sources)
+        actors = [target.low_level, *(source.low_level.teacher_actor() for source in sources)]
+        super().__init__(target, selector, actors, rng, [selector])
+        self.guides = selector
+        self._recorder = GuideRecorder(selector, sources)
         self._mapping = mapping
         self._frames = frames
         self._phase, self._since, self._now = "early", 0, 0
@@ -66,7 +66,7 @@ class PaddleAgent(HybridAgent):
                 row["chosen"],
                 row["reached"],
             )
-            for row in self._account.weights(self._phase, self._now)
+            for row in self._recorder.weights(self._phase, self._now)
         ]
 
     def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
@@ -87,7 +87,7 @@ class PaddleAgent(HybridAgent):
 
     def close(self) -> Tables:
         """The weights as of now."""
-        return {"weights": list(self._account.weights(self._phase, self._now))}
+        return {"weights": list(self._recorder.weights(self._phase, self._now))}
 
     def documents(self) -> Mapping[str, Any]:
         """Ψ, and an episode of each phase decision by decision, once there is one."""
@@ -98,7 +98,7 @@ class PaddleAgent(HybridAgent):
         best = self._trace.get(f"score_{self._phase}", -1.0)
         if (self._phase == "early" and best > 0) or (score == 0 and best >= 0):
             return
-        self._trace[self._phase] = self._account.trace(decisions)
+        self._trace[self._phase] = self._recorder.trace(decisions)
         self._trace[f"score_{self._phase}"] = score
 
 
@@ -108,17 +108,17 @@ def make(setup: Setup) -> PaddleAgent:
     target = HybridPolicy(setup.task, setup.seed, setup.settings)
     sources = [_guide(source) for source in setup.sources]
     mapping, document = _mapping(target, sources, scenario.similarity)
-    lanes, sharpness = target.settings.lanes, target.settings.sharpness
+    num_envs, sharpness = target.settings.num_envs, target.settings.sharpness
     readings = scenario.guidance.readings()
     softness = readings.source_softness if readings else 0.0
     candidates = candidates_of(target.task, target.clauses.bodies, sources, mapping, sharpness, softness)
     rng = np.random.default_rng(setup.seed)
     if readings:
-        chooser: guides.GuideChooser = guides.PaperGuides(target, candidates, lanes, rng, readings)
+        selector: guides.GuideSelector = guides.PaperGuides(target, candidates, num_envs, rng, readings)
     else:
-        chooser = guides.PlannedGuides(target, candidates, lanes, rng, setup.rules)
-        _inherit(target, sources, mapping, setup.rules.inheritance)
-    return PaddleAgent(target, sources, chooser, document, setup.seed, setup.frames)
+        selector = guides.PlannedGuides(target, candidates, num_envs, rng, setup.rules)
+        _warm_start(target, sources, mapping, setup.rules.inheritance)
+    return PaddleAgent(target, sources, selector, document, setup.seed, setup.frames)
 
 
 def _guide(source: Any) -> Source:
@@ -137,11 +137,11 @@ def _mapping(
     return mapping, mapping_document(name, scenes, mapping, tasks, weights.body_weight, weights.head_weight)
 
 
-def _inherit(target: HybridPolicy, sources: Sequence[Source], mapping: SceneMapping, share: float) -> None:
+def _warm_start(target: HybridPolicy, sources: Sequence[Source], mapping: SceneMapping, share: float) -> None:
     """The most similar of the sources whose networks have the target's shape hands them on."""
     like = [source for source in sources if _shapes(source.low_level) == _shapes(target.low_level)]
     if share and like:
-        target.low_level.inherit(most_similar(like, mapping).low_level.state(), share)
+        target.low_level.warm_start(most_similar(like, mapping).low_level.state(), share)
 
 
 def _shapes(learner: Learner) -> dict[str, tuple[int, ...]]:
@@ -155,8 +155,8 @@ def _settings(task: Task, scenario: Scenario, *changes: Mapping[str, Any]) -> Hy
         return settings_for(task, task.presets.get(GUIDED, {}), *changes)
     usual = settings_for(task)
     as_in_paper = {
-        "lanes": readings.lanes,
-        "block": max(1, usual.lanes * usual.block // readings.lanes),
+        "num_envs": readings.lanes,
+        "rollout_steps": max(1, usual.num_envs * usual.rollout_steps // readings.lanes),
         "decisions": {"patience": 1.0},
         "credit": {"imitation_margin": readings.imitation_margin},
     }

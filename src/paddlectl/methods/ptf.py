@@ -100,13 +100,13 @@ class Options:
 
     Args:
         size: D, numbers in a state.
-        lanes: B.
+        num_envs: B.
         count: K.
         seed: Of the networks, and of the draws from the replay.
         settings: The numbers.
     """
 
-    def __init__(self, size: int, lanes: int, count: int, seed: int, settings: OptionSettings) -> None:
+    def __init__(self, size: int, num_envs: int, count: int, seed: int, settings: OptionSettings) -> None:
         self.settings = settings
         self.rng = np.random.default_rng(seed)
         with torch.random.fork_rng(devices=[]):
@@ -122,7 +122,7 @@ class Options:
         self.termination_optimiser = torch.optim.SGD(
             self.termination.parameters(), lr=settings.termination_rate
         )
-        self.replay = Replay(settings.capacity, lanes, size, count, Hindsight())
+        self.replay = Replay(settings.capacity, num_envs, size, count, Hindsight())
         self.updates = 0
         self._due = 0.0
 
@@ -203,12 +203,12 @@ class PTFAgent(ReusingAgent, ABC):
         policy = FlatPolicy(setup.task, setup.seed, setup.settings)
         sources: dict[str, Any] = {source.id: source.policy for source in setup.sources}
         super().__init__(policy, np.random.default_rng(actions), sources, setup.frames)
-        lanes, size = self._buffer.last_observations.shape
+        num_envs, size = self._buffer.last_observations.shape
         self._settings: OptionSettings = setup.settings.options
-        self._options = Options(size, lanes, len(sources), setup.seed, self._settings)
+        self._options = Options(size, num_envs, len(sources), setup.seed, self._settings)
         self._picks = np.random.default_rng(picks)
-        self._current: Ints = np.zeros(lanes, np.intp)
-        self._begins = np.ones(lanes, np.bool_)
+        self._current: Ints = np.zeros(num_envs, np.intp)
+        self._begins = np.ones(num_envs, np.bool_)
         self._episodes = 0
 
     def _learn(self, environment: Environment) -> Mapping[str, float]:

@@ -28,7 +28,7 @@ from paddlectl.methods.base import Method, Setup
 from paddlectl.tasks.base import Environment, Floats, Ints, Task
 
 USUAL: Mapping[str, FlatSettings] = {
-    "discrete": FlatSettings(block=16, learner=StepDQNSettings()),
+    "discrete": FlatSettings(rollout_steps=16, learner=StepDQNSettings()),
     "continuous": changed(flat.USUAL["td3"], {"learner": {"capacity": 100_000}}),
 }
 
@@ -54,7 +54,9 @@ class QMPAgent(ReusingAgent):
         own = super().act(environment)
         buffer, t = self._buffer, self._t
         states = buffer.observations[t]
-        proposed = np.stack([own, *(source.guide().act(states, self._rng)[0] for source in self._sources)])
+        proposed = np.stack(
+            [own, *(source.teacher_actor().act(states, self._rng)[0] for source in self._sources)]
+        )
         values = self._values(states, proposed)
         chosen = switch(values)
         self._recorder.add(self._valuations[t], chosen, values, {"Q": values})

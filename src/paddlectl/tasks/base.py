@@ -84,11 +84,11 @@ class Actions:
     def _range(self) -> str:
         return "numbers in [-1, 1]" if self.continuous else f"whole numbers in 0..{self.size - 1}"
 
-    def sample(self, rng: np.random.Generator, lanes: int) -> NDArray[Any]:
+    def sample(self, rng: np.random.Generator, num_envs: int) -> NDArray[Any]:
         """An action for each lane, uniformly. [B, ...]"""
         if self.continuous:
-            return rng.uniform(-1.0, 1.0, (lanes, self.size)).astype(np.float32)
-        return rng.integers(self.size, size=lanes)
+            return rng.uniform(-1.0, 1.0, (num_envs, self.size)).astype(np.float32)
+        return rng.integers(self.size, size=num_envs)
 
 
 class Step(NamedTuple):
@@ -122,26 +122,26 @@ class Environment(Protocol):
     Heads are given as indices into `Task.domain_heads`, one a lane. [B]
 
     Attributes:
-        lanes: B.
+        num_envs: B.
         observation_size: D.
         flat_size: F.
         actions: What `step` takes of each lane.
-        repeat: Steps of the task that one action lasts, unless the episode ends before.
+        action_repeat: Steps of the task that one action lasts, unless the episode ends before.
         t: Steps of the task since each lane's start. [B]
     """
 
-    lanes: int
+    num_envs: int
     observation_size: int
     flat_size: int
     actions: Actions
-    repeat: int
+    action_repeat: int
     t: Ints
 
     def reset(self, lanes: Bools | None = None) -> None:
         """Draws new layouts for the masked lanes; for all if None. [B]"""
 
     def step(self, actions: NDArray[Any]) -> Step:
-        """Applies one action a lane, for `repeat` steps. [B, ...]"""
+        """Applies one action a lane, for `action_repeat` steps. [B, ...]"""
 
     def valuation(self) -> Bools:
         """E(s): the truth of every atom of the vocabulary, in its order. [B, P]"""
@@ -172,7 +172,9 @@ FRAMES = 130_000
 class Make(Protocol):
     """Makes a reset environment; equal seeds give equal layouts, all of them of the split."""
 
-    def __call__(self, lanes: int, seed: int, repeat: int = 1, split: Split = "training") -> Environment: ...
+    def __call__(
+        self, num_envs: int, seed: int, action_repeat: int = 1, split: Split = "training"
+    ) -> Environment: ...
 
 
 @dataclass(frozen=True)

@@ -67,23 +67,24 @@ class GuidanceSettings:
     """How Λ is made and read in `guidance: default`.
 
     Attributes:
-        fading: ψ is a first guess: after n decisions of a candidate in a scene Λ = fading^n·ψ +
-            (1 - fading^n)·Φ. Under the paper's sum a well matched source that fails for ever keeps its ψ.
-        curiosity: Λ of the target is at least this. Where no source gains anything more than this,
+        similarity_decay: ψ is a first guess: after n decisions of a candidate in a scene Λ = f·ψ + (1 - f)·Φ
+            with f = similarity_decay^n. Under the paper's sum a well matched source that fails for ever keeps
+            its ψ.
+        target_floor: Λ of the target is at least this. Where no source gains anything more than this,
             the target explores, at once, and only there.
-        least_reached: A source that reached its subgoal in less than this share of its decisions in a
-            situation isn't asked there any more, once it was asked `trials` times. To fail and be asked
-            again costs little by the plan; to the target it costs the time in which it would learn.
-        trials: Decisions by which `least_reached` judges.
+        drop_below_success: A source that reached its subgoal in less than this share of its decisions in a
+            scene state isn't asked there any more, once it was asked `trials` times. To fail and be asked
+            again costs little by the model; to the target it costs the time in which it would learn.
+        trials: Decisions by which `drop_below_success` judges.
         repeat_penalty: Taken off a candidate's Λ for each earlier decision of its guide for the same subgoal
             in this scene of this episode: the subgoal was missed, or the episode came back. A frozen
             source that is stuck stays stuck, and two that undo each other's work would do so for ever.
-        audition_rate: In this share of an episode's scenes, times the target's certainty of its head
+        forced_trial_rate: In this share of an episode's scenes, times the target's certainty of its head
             there, the target acts once though its Λ is lower: so it is measured everywhere.
-        audition_samples: The target leads a scene by merit only after this many decisions there.
-        practice_rate: Chance that the target takes a head that no source knows (`Practice`) in a decision,
-            once an episode.
-        practice_reached: Such a head is practised in a scene for as long as it is reached in this share of
+        forced_trial_samples: The target leads a scene by merit only after this many decisions there.
+        novel_subgoal_rate: Chance that the target takes a head that no source knows in a decision, once an
+            episode (`NovelSubgoalExploration`).
+        novel_subgoal_success: Such a head is explored in a scene as long as it is reached in this share of
             its decisions there; `trials` times at least.
         target_margin: The target takes a scene over when it comes this near to the best source.
         source_memory: Latest decisions that a source's return is averaged over.
@@ -93,15 +94,15 @@ class GuidanceSettings:
             subgoal that no source knows isn't learned from nothing: whoever finds a key soon finds a ball.
     """
 
-    fading: float = 0.7
-    curiosity: float = 0.05
-    least_reached: float = 0.2
+    similarity_decay: float = 0.7
+    target_floor: float = 0.05
+    drop_below_success: float = 0.2
     trials: int = 8
     repeat_penalty: float = 0.3
-    audition_rate: float = 0.1
-    audition_samples: float = 20.0
-    practice_rate: float = 0.1
-    practice_reached: float = 0.1
+    forced_trial_rate: float = 0.1
+    forced_trial_samples: float = 20.0
+    novel_subgoal_rate: float = 0.1
+    novel_subgoal_success: float = 0.1
     target_margin: float = 0.02
     source_memory: float = 300.0
     target_memory: float = 50.0
@@ -113,13 +114,13 @@ def guidance_weight(similarity: Weights, performance: Weights) -> Weights:
     return similarity + performance
 
 
-def faded_weight(similarity: Weights, performance: Weights, count: Weights, fading: float) -> Weights:
-    """Λ = f·ψ + (1 - f)·Φ with f = fading^count: ψ is the first guess, Φ what came of it. [S, C]"""
-    first_guess = fading**count
+def faded_weight(similarity: Weights, performance: Weights, count: Weights, decay: float) -> Weights:
+    """Λ = f·ψ + (1 - f)·Φ with f = decay^count: ψ is the first guess, Φ what came of it. [S, C]"""
+    first_guess = decay**count
     return first_guess * similarity + (1.0 - first_guess) * performance
 
 
-def choose_guide(weights: Weights, rng: np.random.Generator) -> NDArray[np.intp]:
+def select_guide(weights: Weights, rng: np.random.Generator) -> NDArray[np.intp]:
     """The candidate of largest Λ in each row [n, C], the target in column 0. [n]
 
     Of a source and the target that tie, the source; of tied sources or scenes of one source, a random one.

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from paddlectl.hybrid.plan import Plan
 from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, task_heads
-from paddlectl.hybrid.rollout import LEVELS, Outcome
+from paddlectl.hybrid.rollout import PROGRESS, Outcome
+from paddlectl.hybrid.semi_markov import SemiMarkovModel
 from paddlectl.learners.buffers import TARGET
 from paddlectl.tasks.base import Bools, Ints
 from paddlectl.transfer.candidates import Candidates
@@ -16,15 +16,15 @@ from paddlectl.transfer.guidance import (
     GuidanceSettings,
     PaperSettings,
     Rule,
-    choose_guide,
     faded_weight,
     guidance_weight,
+    select_guide,
 )
+from paddlectl.transfer.novel_subgoals import NovelSubgoalExploration
 from paddlectl.transfer.performance import MeanReturns, Table, performance
-from paddlectl.transfer.practice import Practice
 
 DROPPED = -1.0
-"""Λ of a source that is dropped from a situation: below anything that the target may have."""
+"""Λ of a source that is dropped from a scene state: below anything that the target may have."""
 
 
 class Weighing(NamedTuple):
@@ -45,7 +45,7 @@ class TracedDecision(NamedTuple):
         rule: Why it led.
     """
 
-    situation: int
+    scene_state: int
     candidate: int
     head: int
     steps: int
@@ -57,31 +57,31 @@ class TracedDecision(NamedTuple):
     weights: Table
 
 
-class GuideChooser:
+class GuideSelector:
     """Scene → Λ of every candidate → guide → subgoal.
 
-    Its tables have a row for each situation (`rollout.LEVELS`).
+    Its tables have a row for each scene state (`rollout.PROGRESS`).
 
     Attributes:
         candidates: Who may lead where.
         traces: The decisions of each episode that ended since `clear`, in order of ending.
-        decisions, chosen, reached, cut: How often a situation came up, a candidate led there by each of
+        decisions, chosen, reached, cut: How often a scene state came up, a candidate led there by each of
             `RULES`, reached its subgoal, and was cut off by the horizon, since `clear`. [R], [R, C, rules],
             [R, C], [R, C]
     """
 
     def __init__(
-        self, target: HybridPolicy, candidates: Candidates, lanes: int, rng: np.random.Generator
+        self, target: HybridPolicy, candidates: Candidates, num_envs: int, rng: np.random.Generator
     ) -> None:
         scenes = len(target.clauses.bodies)
         self.target = target
         self.candidates = candidates
-        self.shape = (scenes * LEVELS, len(candidates.guides))
+        self.shape = (scenes * PROGRESS, len(candidates.guides))
         self.traces: list[list[TracedDecision]] = []
         self._rng = rng
         self._own_heads = domain_heads(target.task)
-        self._present: list[TracedDecision | None] = [None] * lanes
-        self._episode: list[list[TracedDecision]] = [[] for _ in range(lanes)]
+        self._present: list[TracedDecision | None] = [None] * num_envs
+        self._episode: list[list[TracedDecision]] = [[] for _ in range(num_envs)]
         self.clear()
 
     def clear(self) -> None:
@@ -97,44 +97,44 @@ class GuideChooser:
         self._own = self.target.clauses.probabilities()
 
     def weigh(self) -> Weighing:
-        """ψ, Φ and Λ of every candidate in every situation, as of now. [R, C] each"""
+        """ψ, Φ and Λ of every candidate in every scene state, as of now. [R, C] each"""
         raise NotImplementedError
 
     def dropped(self) -> Bools:
-        """Which sources aren't asked in a situation any more. [R, C]"""
+        """Which sources aren't asked in a scene state any more. [R, C]"""
         return np.zeros(self.shape, np.bool_)
 
-    def choose(self, lanes: Ints, situations: Ints) -> tuple[Ints, Ints]:
+    def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
         """The guide and the head for each lane. [n], [n]"""
         weighing = self.weigh()
-        weights = self._lane_weights(weighing.weight, lanes, situations)
-        scenes = situations // LEVELS
-        chosen = choose_guide(weights, self._rng)
-        rules = self._rules(chosen, weights, weighing.weight[situations], situations)
-        practised = self._practised(lanes, scenes)
-        novel = practised >= 0
+        weights = self._lane_weights(weighing.weight, lanes, scene_states)
+        scenes = scene_states // PROGRESS
+        chosen = select_guide(weights, self._rng)
+        rules = self._rules(chosen, weights, weighing.weight[scene_states], scene_states)
+        explored = self._novel_heads(lanes, scenes)
+        novel = explored >= 0
         chosen[novel], rules[novel] = TARGET, "novel"
-        trial = self._auditions(lanes, scenes, chosen)
+        trial = self._forced_trials(lanes, scenes, chosen)
         chosen[trial], rules[trial] = TARGET, "trial"
-        heads = np.where(novel, practised, self._heads(chosen, scenes))
-        for lane, situation, candidate, head, rule, weight in zip(
-            lanes, situations, chosen, heads, rules, weights, strict=True
+        heads = np.where(novel, explored, self._heads(chosen, scenes))
+        for lane, scene_state, candidate, head, rule, weight in zip(
+            lanes, scene_states, chosen, heads, rules, weights, strict=True
         ):
             self._present[lane] = TracedDecision(
-                int(situation),
+                int(scene_state),
                 int(candidate),
                 int(head),
                 0,
                 False,
                 False,
                 rule,
-                weighing.similarity[situation],
-                weighing.performance[situation],
+                weighing.similarity[scene_state],
+                weighing.performance[scene_state],
                 weight,
             )
         return self.candidates.guides[chosen], heads
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended."""
         for lane, steps, reward, reached, cut, terminated, done, following in zip(
             outcome.lanes,
@@ -144,17 +144,17 @@ class GuideChooser:
             outcome.cut,
             outcome.terminated,
             outcome.done,
-            outcome.next_situations,
+            outcome.next_scene_states,
             strict=True,
         ):
             present = self._present[lane]
             assert present is not None
             decision = present._replace(steps=int(steps), reached=bool(reached), cut=bool(cut))
             self._episode[lane].append(decision)
-            self.decisions[decision.situation] += 1
-            self.chosen[decision.situation, decision.candidate, RULES.index(decision.rule)] += 1
-            self.reached[decision.situation, decision.candidate] += reached
-            self.cut[decision.situation, decision.candidate] += cut
+            self.decisions[decision.scene_state] += 1
+            self.chosen[decision.scene_state, decision.candidate, RULES.index(decision.rule)] += 1
+            self.reached[decision.scene_state, decision.candidate] += reached
+            self.cut[decision.scene_state, decision.candidate] += cut
             self._learn(lane, decision, float(reward), None if terminated else int(following))
             if done:
                 self._end(lane)
@@ -168,7 +168,7 @@ class GuideChooser:
         return heads
 
     def _rules(
-        self, chosen: Ints, weights: Table, unpenalised: Table, situations: Ints
+        self, chosen: Ints, weights: Table, unpenalised: Table, scene_states: Ints
     ) -> NDArray[np.object_]:
         """Why each candidate was chosen by its Λ.
 
@@ -176,7 +176,7 @@ class GuideChooser:
             chosen: The candidates. [n]
             weights: Λ, this episode's penalties included. [n, C]
             unpenalised: Λ without them. [n, C]
-            situations: Where. [n]
+            scene_states: Where. [n]
 
         Returns:
             `Rule`s. [n]
@@ -189,13 +189,13 @@ class GuideChooser:
         rules[unpenalised[np.arange(len(chosen)), chosen] < unpenalised.max(-1)] = "penalty"
         return rules
 
-    def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
-        return weights[situations]
+    def _lane_weights(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
+        return weights[scene_states]
 
-    def _practised(self, lanes: Ints, scenes: Ints) -> Ints:
+    def _novel_heads(self, lanes: Ints, scenes: Ints) -> Ints:
         return np.full(len(lanes), -1)
 
-    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
+    def _forced_trials(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         return np.zeros(len(lanes), np.bool_)
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
@@ -205,7 +205,7 @@ class GuideChooser:
             lane: Where.
             decision: What was decided.
             reward: Extrinsic, within it.
-            following: The situation that it led to; None if the task was solved.
+            following: The scene state that it led to; None if the task was solved.
         """
         raise NotImplementedError
 
@@ -214,7 +214,7 @@ class GuideChooser:
         raise NotImplementedError
 
 
-class PaperGuides(GuideChooser):
+class PaperGuides(GuideSelector):
     """`guidance: paper`: Eqs. 2 and 3, read as `PaperSettings` say.
 
     G is the running mean of the discounted return from a decision to its episode's end (Algorithm 2, line
@@ -225,17 +225,17 @@ class PaperGuides(GuideChooser):
         self,
         target: HybridPolicy,
         candidates: Candidates,
-        lanes: int,
+        num_envs: int,
         rng: np.random.Generator,
         settings: PaperSettings,
     ) -> None:
-        super().__init__(target, candidates, lanes, rng)
+        super().__init__(target, candidates, num_envs, rng)
         scenes, heads = candidates.similarity.shape[0], candidates.heads.shape[1]
         self.readings = settings
         self._per_subgoal = settings.values == "per_subgoal"
         columns = heads if self._per_subgoal else self.shape[1]
         self._returns = MeanReturns((scenes, columns), settings.initial_performance)
-        self._rewards: list[list[float]] = [[] for _ in range(lanes)]
+        self._rewards: list[list[float]] = [[] for _ in range(num_envs)]
 
     def weigh(self) -> Weighing:
         """ψ + Φ, the same at every level of progress. [R, C] each"""
@@ -244,7 +244,7 @@ class PaperGuides(GuideChooser):
         entropy[:, TARGET] = -(self._own * np.log(self._own + 1e-12)).sum(-1)
         phi = performance(self._worth(), entropy, clipped=self.readings.normalise == "clip")
         tables = (psi, phi, guidance_weight(psi, phi))
-        return Weighing(*(np.repeat(table, LEVELS, axis=0) for table in tables))
+        return Weighing(*(np.repeat(table, PROGRESS, axis=0) for table in tables))
 
     def _worth(self) -> Table:
         """G of every candidate; of subgoals, what its program expects of them: Σ p·V. [S, C]"""
@@ -267,7 +267,7 @@ class PaperGuides(GuideChooser):
             returns.append(return_)
         seen = set()
         for decision, return_ in zip(self._episode[lane], reversed(returns), strict=True):
-            scene = decision.situation // LEVELS
+            scene = decision.scene_state // PROGRESS
             cell = (scene, decision.head if self._per_subgoal else decision.candidate)
             if not (self._per_subgoal and cell in seen):
                 self._returns.record(*cell, return_)
@@ -275,37 +275,37 @@ class PaperGuides(GuideChooser):
         self._rewards[lane] = []
 
 
-class PlannedGuides(GuideChooser):
+class PlannedGuides(GuideSelector):
     """`guidance: default`: the rules of `GuidanceSettings` over planned returns."""
 
     def __init__(
         self,
         target: HybridPolicy,
         candidates: Candidates,
-        lanes: int,
+        num_envs: int,
         rng: np.random.Generator,
         settings: GuidanceSettings,
     ) -> None:
-        super().__init__(target, candidates, lanes, rng)
+        super().__init__(target, candidates, num_envs, rng)
         self.rules = settings
         memory = np.where(candidates.guides == TARGET, settings.target_memory, settings.source_memory)
         self._clauses = target.settings.clauses
-        self._plan = Plan(*self.shape, memory)
+        self._model = SemiMarkovModel(*self.shape, memory)
         self._returns = np.zeros(self.shape)
         self._tried = np.zeros(self.shape, np.intp)
         self._hits = np.zeros(self.shape, np.intp)
-        self._similarity = np.repeat(candidates.similarity, LEVELS, axis=0)
+        self._similarity = np.repeat(candidates.similarity, PROGRESS, axis=0)
         self._known = np.where(np.isfinite(self._similarity), self._similarity, 0.0)
         self._leading_head = candidates.heads.argmax(-1)
         guides_and_heads = int(candidates.guides.max()) + 1, candidates.heads.shape[1]
-        self._repeats = np.zeros((lanes, self.shape[0], *guides_and_heads), np.float32)
-        self._heard = np.zeros(lanes, np.bool_)
+        self._repeats = np.zeros((num_envs, self.shape[0], *guides_and_heads), np.float32)
+        self._forced = np.zeros(num_envs, np.bool_)
         novel = task_heads(target.task) >= 0
         novel &= ~candidates.heads[1:].any(0)
-        self._practice = Practice(novel, self.shape[0] // LEVELS, lanes, settings, rng)
+        self._exploration = NovelSubgoalExploration(novel, self.shape[0] // PROGRESS, num_envs, settings, rng)
 
     def weigh(self) -> Weighing:
-        """ψ faded into the planned Φ; the target by merit, or out of curiosity. [R, C] each"""
+        """ψ faded into the planned Φ; the target by merit, or by its floor. [R, C] each"""
         weights = self._weights()
         weights[:, TARGET] += self.rules.target_margin * self._measured()
         return Weighing(self._similarity, self._returns, weights)
@@ -313,67 +313,67 @@ class PlannedGuides(GuideChooser):
     def _weights(self) -> Table:
         """Λ without the target's margin. [R, C]"""
         rules = self.rules
-        weights = faded_weight(self._known, self._returns, self._plan.count, rules.fading)
+        weights = faded_weight(self._known, self._returns, self._model.count, rules.similarity_decay)
         weights[np.isneginf(self._similarity)] = -np.inf
         weights[self.dropped()] = DROPPED
         merit = np.where(self._measured(), self._returns[:, TARGET], 0.0)
-        weights[:, TARGET] = np.maximum(merit, rules.curiosity)
+        weights[:, TARGET] = np.maximum(merit, rules.target_floor)
         return weights
 
-    def decided(self, outcome: Outcome) -> None:
+    def on_decision_end(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended, then makes one sweep of planning."""
-        super().decided(outcome)
-        self._returns = self._plan.returns(self._weights().max(-1))
+        super().on_decision_end(outcome)
+        self._returns = self._model.returns(self._weights().max(-1))
 
     def dropped(self) -> Bools:
-        """Sources that hardly ever reach their subgoal in a situation. [R, C]"""
+        """Sources that hardly ever reach their subgoal in a scene state. [R, C]"""
         hopeless: Bools = (self._tried >= self.rules.trials) & (
-            self._hits < self.rules.least_reached * self._tried
+            self._hits < self.rules.drop_below_success * self._tried
         )
         hopeless[:, TARGET] = False
         return hopeless
 
-    def _lane_weights(self, weights: Table, lanes: Ints, situations: Ints) -> Table:
+    def _lane_weights(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
         leading = np.tile(self._leading_head, (len(lanes), 1))
-        leading[:, TARGET] = self._own_heads[self._own[situations // LEVELS].argmax(-1)]
-        repeats = self._repeats[lanes[:, None], situations[:, None], self.candidates.guides, leading]
-        penalised: Table = weights[situations] - self.rules.repeat_penalty * repeats
-        penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.curiosity)
+        leading[:, TARGET] = self._own_heads[self._own[scene_states // PROGRESS].argmax(-1)]
+        repeats = self._repeats[lanes[:, None], scene_states[:, None], self.candidates.guides, leading]
+        penalised: Table = weights[scene_states] - self.rules.repeat_penalty * repeats
+        penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.target_floor)
         return penalised
 
     def _rules(
-        self, chosen: Ints, weights: Table, unpenalised: Table, situations: Ints
+        self, chosen: Ints, weights: Table, unpenalised: Table, scene_states: Ints
     ) -> NDArray[np.object_]:
-        rules = super()._rules(chosen, weights, unpenalised, situations)
-        floor = self.rules.curiosity + self.rules.target_margin * self._measured()[situations]
+        rules = super()._rules(chosen, weights, unpenalised, scene_states)
+        floor = self.rules.target_floor + self.rules.target_margin * self._measured()[scene_states]
         rules[(chosen == TARGET) & (unpenalised[:, TARGET] <= floor) & (rules != "penalty")] = "floor"
         return rules
 
     def _measured(self) -> Bools:
         """Where the target has led often enough for its returns to count. [R]"""
-        measured: Bools = self._plan.count[:, TARGET] >= self.rules.audition_samples
+        measured: Bools = self._model.count[:, TARGET] >= self.rules.forced_trial_samples
         return measured
 
-    def _practised(self, lanes: Ints, scenes: Ints) -> Ints:
-        return self._practice.heads(lanes, scenes)
+    def _novel_heads(self, lanes: Ints, scenes: Ints) -> Ints:
+        return self._exploration.heads(lanes, scenes)
 
-    def _auditions(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
-        rate = self.rules.audition_rate * self._own[scenes].max(-1)
-        heard: Bools = (chosen != TARGET) & ~self._heard[lanes] & (self._rng.random(len(lanes)) < rate)
-        self._heard[lanes] |= heard
-        return heard
+    def _forced_trials(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
+        rate = self.rules.forced_trial_rate * self._own[scenes].max(-1)
+        forced: Bools = (chosen != TARGET) & ~self._forced[lanes] & (self._rng.random(len(lanes)) < rate)
+        self._forced[lanes] |= forced
+        return forced
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         guide = self.candidates.guides[decision.candidate]
-        self._repeats[lane, decision.situation, guide, decision.head] += 1
-        self._tried[decision.situation, decision.candidate] += not decision.cut
-        self._hits[decision.situation, decision.candidate] += decision.reached
+        self._repeats[lane, decision.scene_state, guide, decision.head] += 1
+        self._tried[decision.scene_state, decision.candidate] += not decision.cut
+        self._hits[decision.scene_state, decision.candidate] += decision.reached
         discount = float(self._clauses.discounts(np.array(decision.steps)))
-        self._plan.record(decision.situation, decision.candidate, reward, following, discount)
+        self._model.record(decision.scene_state, decision.candidate, reward, following, discount)
         if guide == TARGET and not decision.cut:
-            self._practice.decided(decision.situation // LEVELS, decision.head, decision.reached)
+            self._exploration.record(decision.scene_state // PROGRESS, decision.head, decision.reached)
 
     def _end(self, lane: int) -> None:
         self._repeats[lane] = 0
-        self._heard[lane] = False
-        self._practice.ended(lane)
+        self._forced[lane] = False
+        self._exploration.ended(lane)

@@ -32,9 +32,9 @@ class Engine:
 
     Args:
         spec: The task.
-        lanes: How many are stepped together.
+        num_envs: How many are stepped together.
         seed: Of the starts: equal seeds give the same starts in the same order.
-        repeat: Steps that one action lasts, unless the episode ends before.
+        action_repeat: Steps that one action lasts, unless the episode ends before.
         split: Of which the starts are.
     """
 
@@ -42,10 +42,12 @@ class Engine:
     flat_size = FLAT_SIZE
     actions = Actions(2, continuous=True)
 
-    def __init__(self, spec: Spec, lanes: int, seed: int, repeat: int = 1, split: Split = "training") -> None:
+    def __init__(
+        self, spec: Spec, num_envs: int, seed: int, action_repeat: int = 1, split: Split = "training"
+    ) -> None:
         self.spec = spec
-        self.lanes = lanes
-        self.repeat = repeat
+        self.num_envs = num_envs
+        self.action_repeat = action_repeat
         self.split: Split = split
         self._rng = np.random.default_rng(seed)
         self._valuations = symbols.valuation_table(spec.atoms)
@@ -53,21 +55,21 @@ class Engine:
         self._after_touch = symbols.touch_table(spec.heads)
         self._final_rewards = final_rewards()
 
-        self.t: Ints = np.zeros(lanes, dtype=np.intp)
-        self.facts: Ints = np.zeros(lanes, dtype=np.intp)
-        self.touched: Bools = np.zeros((lanes, len(PLACES)), dtype=np.bool_)
-        self._finished: Bools = np.zeros(lanes, dtype=np.bool_)
-        self.masses = PointMasses(lanes)
+        self.t: Ints = np.zeros(num_envs, dtype=np.intp)
+        self.facts: Ints = np.zeros(num_envs, dtype=np.intp)
+        self.touched: Bools = np.zeros((num_envs, len(PLACES)), dtype=np.bool_)
+        self._finished: Bools = np.zeros(num_envs, dtype=np.bool_)
+        self.masses = PointMasses(num_envs)
         self.reset()
 
     def reset(self, lanes: Bools | None = None) -> None:
         """Draws new starts for the masked lanes; for all if None. [B]"""
-        waiting = np.arange(self.lanes) if lanes is None else np.flatnonzero(lanes)
+        waiting = np.arange(self.num_envs) if lanes is None else np.flatnonzero(lanes)
         self._start(waiting, draw_starts(self._rng, len(waiting), self.split))
 
     def set_starts(self, starts: Points) -> None:
         """Starts all lanes from given positions, one a lane. [B, 2]"""
-        self._start(np.arange(self.lanes), starts)
+        self._start(np.arange(self.num_envs), starts)
 
     def _start(self, lanes: Ints, starts: Points) -> None:
         self.masses.put(lanes, starts)
@@ -77,18 +79,18 @@ class Engine:
         self.touched[lanes] = _touched(starts)
 
     def step(self, actions: Floats) -> Step:
-        """Applies one force a lane, each component in [-1, 1], for `repeat` steps. [B, 2]
+        """Applies one force a lane, each component in [-1, 1], for `action_repeat` steps. [B, 2]
 
         Raises:
             ValueError: If `actions.checked` refuses them.
         """
-        actions = self.actions.checked(actions, (self.lanes,))
-        reward, score = np.zeros((2, self.lanes), dtype=np.float32)
-        terminated, truncated = np.zeros((2, self.lanes), dtype=np.bool_)
+        actions = self.actions.checked(actions, (self.num_envs,))
+        reward, score = np.zeros((2, self.num_envs), dtype=np.float32)
+        terminated, truncated = np.zeros((2, self.num_envs), dtype=np.bool_)
         running = np.flatnonzero(~self._finished)
         self.touched[running] = False
         self.masses.push(running, actions[running].astype(np.float64))
-        for _ in range(self.repeat):
+        for _ in range(self.action_repeat):
             if not len(running):
                 break
             self.masses.step(running)
@@ -130,7 +132,7 @@ class Engine:
 
     def reached(self, heads: Ints) -> Bools:
         """Whether each lane touched its subgoal's place during the latest action. [B]"""
-        reached: Bools = self.touched[np.arange(self.lanes), heads]
+        reached: Bools = self.touched[np.arange(self.num_envs), heads]
         return reached
 
     def available(self, heads: Ints) -> Bools:

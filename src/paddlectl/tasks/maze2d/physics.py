@@ -70,19 +70,19 @@ class PointMasses:
         velocity: In m/s. [B, 2]
     """
 
-    def __init__(self, lanes: int) -> None:
-        self._make(lanes)
+    def __init__(self, num_envs: int) -> None:
+        self._make(num_envs)
 
-    def _make(self, lanes: int) -> None:
+    def _make(self, num_envs: int) -> None:
         self._mujoco = mujoco = _mujoco()
         self._model = maze_model()
         self._whole = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-        self._data = [mujoco.MjData(self._model) for _ in range(lanes)]
+        self._data = [mujoco.MjData(self._model) for _ in range(num_envs)]
         self._force = [data.ctrl for data in self._data]
         self._place = [data.qpos for data in self._data]
         self._speed = [data.qvel for data in self._data]
-        self.position: Points = np.zeros((lanes, 2))
-        self.velocity: Points = np.zeros((lanes, 2))
+        self.position: Points = np.zeros((num_envs, 2))
+        self.velocity: Points = np.zeros((num_envs, 2))
 
     def put(self, lanes: Ints, positions: Points) -> None:
         """Puts these lanes at rest. [n], [n, 2]"""

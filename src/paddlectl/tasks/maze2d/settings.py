@@ -14,12 +14,12 @@ DEVIATIONS: Mapping[str, tuple[Any, Any]] = {
     "optimiser": ("rmsprop", "adam"),
     "discount": (0.99, 0.92),
     "update_every": (2, 16),
-    "tracking": (0.005, 0.05),
+    "tau": (0.005, 0.05),
     "hidden": ((400, 400, 400), (256, 256)),
     "normalised": (False, True),
     "exploration": (0.1, 0.2),
     "random_actions": (0.0, 0.9),
-    "errands": (0.0, 0.5),
+    "goal_exploration": (0.0, 0.5),
     "cloning": (False, True),
     "goal_size": (0, 2),
     "radius": (0.0, RADIUS),
@@ -36,9 +36,9 @@ _TABLE_1 = {name: values[0] for name, values in DEVIATIONS.items()}
 _LOW_LEVEL = {name: values[1] for name, values in DEVIATIONS.items()}
 
 USUAL: Mapping[str, Any] = {
-    "lanes": 32,
-    "block": 8,
-    "repeat": 20,
+    "num_envs": 32,
+    "rollout_steps": 8,
+    "action_repeat": 20,
     "decisions": {
         "max_steps": 500,
         "patience": 0.7,
@@ -64,11 +64,11 @@ dozen actions long and each of them makes a difference.
 """
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    "paper": {"repeat": 1, "low_level": _TABLE_1},
+    "paper": {"action_repeat": 1, "low_level": _TABLE_1},
     GUIDED: {
-        "lanes": 1,
-        "block": 256,
-        "repeat": 5,
+        "num_envs": 1,
+        "rollout_steps": 256,
+        "action_repeat": 5,
         "decisions": {"reward_unit": 60.0},
         "clauses": {"step_discount": 0.998},
         "credit": {"imitation_margin": 0.02},
@@ -85,7 +85,7 @@ first order of play that works is worth stays below ψ in most scenes, so that g
 there yet are asked once.
 """
 
-GUIDANCE: Mapping[str, Any] = {"fading": 0.3, "audition_rate": 0.05}
+GUIDANCE: Mapping[str, Any] = {"similarity_decay": 0.3, "forced_trial_rate": 0.05}
 """A decision that fails takes a third of an episode here, so that guides are soon judged by what came of
 them, and the target is heard less often.
 """

@@ -81,9 +81,9 @@ class Engine:
 
     Args:
         spec: The task.
-        lanes: How many are stepped together.
+        num_envs: How many are stepped together.
         seed: Of the layouts: equal seeds give the same layouts in the same order.
-        repeat: Steps that one action lasts, unless the episode ends before.
+        action_repeat: Steps that one action lasts, unless the episode ends before.
         split: Of which the layouts are.
         milestone_reward: What each milestone pays; 0 gives the sparse variant.
     """
@@ -95,19 +95,19 @@ class Engine:
     def __init__(
         self,
         spec: Spec,
-        lanes: int,
+        num_envs: int,
         seed: int,
-        repeat: int = 1,
+        action_repeat: int = 1,
         split: Split = "training",
         milestone_reward: float = 0.1,
     ) -> None:
         self.spec = spec
-        self.lanes = lanes
-        self.repeat = repeat
+        self.num_envs = num_envs
+        self.action_repeat = action_repeat
         self.split: Split = split
         self._rng = np.random.default_rng(seed)
-        self._observer = Observer(lanes)
-        self._bases: Ints = np.arange(lanes) * CELLS
+        self._observer = Observer(num_envs)
+        self._bases: Ints = np.arange(num_envs) * CELLS
 
         self._valuations = symbols.valuation_table(spec.atoms)
         reached = symbols.reached_table(spec.things)
@@ -121,16 +121,16 @@ class Engine:
         self._milestone_rewards = (milestone_reward * count).astype(np.float32)
         self._final_rewards = final_rewards()
 
-        self.t: Ints = np.zeros(lanes, dtype=np.intp)
-        self._earned: Ints = np.zeros(lanes, dtype=np.intp)
-        self._finished: Bools = np.zeros(lanes, dtype=np.bool_)
+        self.t: Ints = np.zeros(num_envs, dtype=np.intp)
+        self._earned: Ints = np.zeros(num_envs, dtype=np.intp)
+        self._finished: Bools = np.zeros(num_envs, dtype=np.bool_)
         self._fill_pool()
-        self.state = State.start(spec, draw_layouts(spec, np.random.default_rng(0), lanes))
+        self.state = State.start(spec, draw_layouts(spec, np.random.default_rng(0), num_envs))
         self.reset()
 
     def reset(self, lanes: Bools | None = None) -> None:
         """Draws new layouts for the masked lanes; for all if None. [B]"""
-        waiting = np.arange(self.lanes) if lanes is None else np.flatnonzero(lanes)
+        waiting = np.arange(self.num_envs) if lanes is None else np.flatnonzero(lanes)
         self._restart(waiting)
         while len(waiting):
             if self._used == _POOL:
@@ -148,7 +148,7 @@ class Engine:
     def set_layouts(self, layouts: Layouts) -> None:
         """Starts all lanes from given layouts, one a lane."""
         self.state = State.start(self.spec, layouts)
-        self._restart(np.arange(self.lanes))
+        self._restart(np.arange(self.num_envs))
 
     def _restart(self, lanes: Ints) -> None:
         self.t[lanes] = 0
@@ -156,14 +156,14 @@ class Engine:
         self._finished[lanes] = False
 
     def step(self, actions: Ints) -> Step:
-        """Applies one action a lane, for `repeat` steps. [B]
+        """Applies one action a lane, for `action_repeat` steps. [B]
 
         Raises:
             ValueError: If `actions.checked` refuses them.
         """
-        actions = self.actions.checked(actions, (self.lanes,))
+        actions = self.actions.checked(actions, (self.num_envs,))
         step = self._step(actions)
-        for _ in range(self.repeat - 1):
+        for _ in range(self.action_repeat - 1):
             step = step.then(self._step(actions))
         return step
 

@@ -148,14 +148,14 @@ def update_rows(rows: Ints, lanes: Ints, cells: Ints, codes: Codes) -> None:
 class Observer:
     """Writes observations of B lanes, with its tables and buffers at hand."""
 
-    def __init__(self, lanes: int) -> None:
-        self._cells: Ints = np.arange(lanes) * CELLS
-        self._rows: Ints = np.arange(lanes) * ROWS
-        self._things: Ints = np.arange(lanes) * len(Thing)
+    def __init__(self, num_envs: int) -> None:
+        self._cells: Ints = np.arange(num_envs) * CELLS
+        self._rows: Ints = np.arange(num_envs) * ROWS
+        self._things: Ints = np.arange(num_envs) * len(Thing)
         self._offsets: Ints = np.arange(_SIDE)[:, None]
         self._down_up: Ints = np.array([1, 1, -1, -1])  # by frame
         self._top: Ints = np.array([0, 0, _SIDE - 1, _SIDE - 1])
-        self._window = np.empty((lanes, _SIDE, _SIDE), dtype=np.float32)
+        self._window = np.empty((num_envs, _SIDE, _SIDE), dtype=np.float32)
 
     def __call__(
         self, grid: Codes, rows: Ints, agent: Ints, facing: Ints, held: Ints, where: Ints, heads: Ints

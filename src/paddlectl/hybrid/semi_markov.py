@@ -1,4 +1,4 @@
-"""Returns by planning over what was counted, in place of returns averaged over whole episodes."""
+"""A tabular model of the high level: returns by planning in it, not averaged over whole episodes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,16 +6,16 @@ from numpy.typing import NDArray
 Table = NDArray[np.float64]
 
 
-class Plan:
-    """The high level as a small semi-Markov decision process, counted while it is played.
+class SemiMarkovModel:
+    """The high level as a semi-Markov decision process (Sutton et al., 1999), counted while it is played.
 
-    In a situation an option (a head, or a guide) is taken; what its decisions earned and where they led
+    In a scene state an option (a head, or a guide) is taken; what its decisions earned and where they led
     is counted, and returns follow by dynamic programming over the counts. A mean over whole episodes
     blames a good first move for what came later, hardly notices two moves that undo each other, and
-    waits for episodes to end; the plan has none of these faults.
+    waits for episodes to end; the model has none of these faults.
 
     Args:
-        situations: R, how many.
+        scene_states: R, how many.
         options: O, how many.
         memory: A cell weighs at most about this many of its latest decisions. A number, or one an option.
 
@@ -23,25 +23,25 @@ class Plan:
         count: Decisions that each cell weighs. [R, O]
     """
 
-    def __init__(self, situations: int, options: int, memory: float | Table) -> None:
-        self.count: Table = np.zeros((situations, options))
+    def __init__(self, scene_states: int, options: int, memory: float | Table) -> None:
+        self.count: Table = np.zeros((scene_states, options))
         self._keep = np.broadcast_to(1.0 - 1.0 / np.asarray(memory), (options,))
-        self._reward: Table = np.zeros((situations, options))
-        self._led_to: Table = np.zeros((situations, options, situations))
+        self._reward: Table = np.zeros((scene_states, options))
+        self._led_to: Table = np.zeros((scene_states, options, scene_states))
 
     def record(
-        self, situation: int, option: int, reward: float, following: int | None, discount: float
+        self, scene_state: int, option: int, reward: float, following: int | None, discount: float
     ) -> None:
         """Counts one decision.
 
         Args:
-            situation: Where it was taken.
+            scene_state: Where it was taken.
             option: What was taken.
             reward: What it earned.
-            following: The situation that it led to, None if the episode ended.
+            following: The scene state that it led to, None if the episode ended.
             discount: γ of the whole decision; smaller for a longer one.
         """
-        cell, keep = (situation, option), self._keep[option]
+        cell, keep = (scene_state, option), self._keep[option]
         self.count[cell] = keep * self.count[cell] + 1.0
         self._reward[cell] = keep * self._reward[cell] + discount * reward
         self._led_to[cell] *= keep
@@ -52,8 +52,8 @@ class Plan:
         """G of every option: mean reward plus discounted value of where it led.
 
         Args:
-            values: Of the situations. [R]
-            prior: Decisions' worth of belief that an option is worth as much as its situation.
+            values: Of the scene states. [R]
+            prior: Decisions' worth of belief that an option is worth as much as its scene state.
 
         Returns:
             [R, O]; 0 for an option without decisions and prior.

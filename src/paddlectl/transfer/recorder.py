@@ -1,4 +1,4 @@
-"""An account of who led where and why: what a transfer leaves for `explain`, as JSON-able rows."""
+"""Records who led where and why: what a transfer leaves for `explain`, as JSON-able rows."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -6,44 +6,44 @@ from typing import Any
 import numpy as np
 
 from paddlectl.agents.base import TARGET_NAME
-from paddlectl.hybrid.rollout import LEVELS
+from paddlectl.hybrid.rollout import PROGRESS
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Clause
 from paddlectl.transfer.candidates import Source
 from paddlectl.transfer.documents import body_document
 from paddlectl.transfer.guidance import RULES
-from paddlectl.transfer.guides import GuideChooser, TracedDecision
+from paddlectl.transfer.guides import GuideSelector, TracedDecision
 
 
-class Account:
-    """Reads a chooser's tables in the names of scenes, heads and policies."""
+class GuideRecorder:
+    """Reads a selector's tables in the names of scenes, heads and policies."""
 
-    def __init__(self, chooser: GuideChooser, sources: Sequence[Source]) -> None:
-        self._chooser = chooser
-        self._bodies = chooser.target.clauses.bodies
-        self._heads = chooser.target.task.domain_heads
+    def __init__(self, selector: GuideSelector, sources: Sequence[Source]) -> None:
+        self._selector = selector
+        self._bodies = selector.target.clauses.bodies
+        self._heads = selector.target.task.domain_heads
         self._policies = (TARGET_NAME, *(source.policy for source in sources))
-        self._tasks = (chooser.target.task.name, *(source.task for source in sources))
+        self._tasks = (selector.target.task.name, *(source.task for source in sources))
 
     def weights(self, phase: str, frames: int) -> Iterator[dict[str, Any]]:
-        """One row for each scene met since the chooser was cleared, and each policy with a match there.
+        """One row for each scene met since the selector was cleared, and each policy with a match there.
 
         Of several matches of one source the row shows the best, at the level of progress that the scene
         came up with most; the counts are over all of them.
         """
-        if not self._chooser.decisions.any():
+        if not self._selector.decisions.any():
             return
-        weighing, dropped = self._chooser.weigh(), self._chooser.dropped()
-        by_scene = self._chooser.decisions.reshape(-1, LEVELS)
+        weighing, dropped = self._selector.weigh(), self._selector.dropped()
+        by_scene = self._selector.decisions.reshape(-1, PROGRESS)
         for scene in np.flatnonzero(by_scene.sum(-1)):
-            rows = scene * LEVELS + np.arange(LEVELS)
+            rows = scene * PROGRESS + np.arange(PROGRESS)
             shown = rows[by_scene[scene].argmax()]
             for number, policy in enumerate(self._policies):
                 best = self._best(number, weighing.weight[shown], weighing.similarity[shown])
                 if best is None:
                     continue
-                led = np.ix_(rows, self._chooser.candidates.guides == number)
-                chosen = self._chooser.chosen[led].sum((0, 1))
+                led = np.ix_(rows, self._selector.candidates.guides == number)
+                chosen = self._selector.chosen[led].sum((0, 1))
                 yield {
                     "phase": phase,
                     "frames": frames,
@@ -57,8 +57,8 @@ class Account:
                     "chosen": int(chosen.sum()),
                     "rules": {rule: int(n) for rule, n in zip(RULES, chosen, strict=True) if n},
                     "dropped": bool(dropped[shown, best]),
-                    "reached": int(self._chooser.reached[led].sum()),
-                    "cut": int(self._chooser.cut[led].sum()),
+                    "reached": int(self._selector.reached[led].sum()),
+                    "cut": int(self._selector.cut[led].sum()),
                 }
 
     def trace(self, episode: Sequence[TracedDecision]) -> list[dict[str, Any]]:
@@ -66,12 +66,12 @@ class Account:
         return [self._decision(step, decision) for step, decision in enumerate(episode, start=1)]
 
     def _decision(self, step: int, decision: TracedDecision) -> dict[str, Any]:
-        body, head = self._bodies[decision.situation // LEVELS], self._heads[decision.head]
+        body, head = self._bodies[decision.scene_state // PROGRESS], self._heads[decision.head]
         return {
             "step": step,
             "scene": body_document(body),
             "clause": str(Clause(head, body)),
-            "guide": self._policies[self._chooser.candidates.guides[decision.candidate]],
+            "guide": self._policies[self._selector.candidates.guides[decision.candidate]],
             "weights": list(self._weighed(decision)),
             "head": str(head),
             "steps": decision.steps,
@@ -93,7 +93,7 @@ class Account:
 
     def _best(self, number: int, weights: np.ndarray, similarity: np.ndarray) -> int | None:
         """The guide's candidate of largest Λ among those that match the scene."""
-        of_guide = (self._chooser.candidates.guides == number) & np.isfinite(similarity)
+        of_guide = (self._selector.candidates.guides == number) & np.isfinite(similarity)
         if number != TARGET and not of_guide.any():
             return None
         return int(np.where(of_guide, weights, -np.inf).argmax())

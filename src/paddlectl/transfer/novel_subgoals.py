@@ -1,4 +1,4 @@
-"""What no source can teach: the target practises the subgoals that only it knows."""
+"""What no source can teach: the target explores the subgoals that only it knows."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from paddlectl.tasks.base import Bools, Ints
 from paddlectl.transfer.guidance import GuidanceSettings
 
 
-class Practice:
+class NovelSubgoalExploration:
     """Picks a novel head for the target to take, whoever would lead.
 
     A source leads where it is worth something, and so the target would hardly meet what might be worth more:
@@ -16,27 +16,27 @@ class Practice:
     Args:
         novel: Heads that no source's program has. [domain's H]
         scenes: S, how many.
-        lanes: B, how many.
+        num_envs: B, how many.
         rules: Rate, trials and least share.
         rng: Of the draws.
     """
 
     def __init__(
-        self, novel: Bools, scenes: int, lanes: int, rules: GuidanceSettings, rng: np.random.Generator
+        self, novel: Bools, scenes: int, num_envs: int, rules: GuidanceSettings, rng: np.random.Generator
     ) -> None:
         self._novel = novel
         self._rules = rules
         self._rng = rng
         self._tried = np.zeros((scenes, len(novel)), np.intp)
         self._hits = np.zeros((scenes, len(novel)), np.intp)
-        self._done = np.zeros(lanes, np.bool_)
+        self._done = np.zeros(num_envs, np.bool_)
 
     def heads(self, lanes: Ints, scenes: Ints) -> Ints:
-        """The head to practise in each lane, -1 for none. [n]"""
+        """The head to explore in each lane, -1 for none. [n]"""
         young = self._tried < self._rules.trials
-        promising = self._hits >= self._rules.practice_reached * self._tried
+        promising = self._hits >= self._rules.novel_subgoal_success * self._tried
         worth: Bools = self._novel & (young | promising)
-        due = self._rng.random(len(lanes)) < self._rules.practice_rate
+        due = self._rng.random(len(lanes)) < self._rules.novel_subgoal_rate
         due &= worth[scenes].any(-1) & ~self._done[lanes]
         self._done[lanes] |= due
         tries = np.where(worth, self._tried, np.inf)[scenes] + self._rng.random(
@@ -44,11 +44,11 @@ class Practice:
         )
         return np.where(due, tries.argmin(-1), -1)
 
-    def decided(self, scene: int, head: int, reached: bool) -> None:
+    def record(self, scene: int, head: int, reached: bool) -> None:
         """Counts a decision of the target."""
         self._tried[scene, head] += 1
         self._hits[scene, head] += reached
 
     def ended(self, lane: int) -> None:
-        """The lane's next episode may practise again."""
+        """The lane's next episode may explore again."""
         self._done[lane] = False

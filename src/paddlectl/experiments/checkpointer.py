@@ -22,7 +22,7 @@ SHARE = 0.05
 """Of a run's time that its checkpoints may take, at most; large ones are kept more seldom then."""
 
 
-class Pace:
+class Checkpointer:
     """Keeps the checkpoints of one run.
 
     Args:

@@ -1,4 +1,4 @@
-"""Errands: some of the time a lane goes to a place seen before, instead of to its goal."""
+"""Exploration by goals: some of the time a lane goes to a place seen before, instead of to its goal."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,8 +8,8 @@ from paddlectl.learners.replay import Replay
 Floats = NDArray[np.float32]
 
 
-class Errands:
-    """Which lanes are on an errand, and where to.
+class GoalExploration:
+    """Which lanes explore, and where they go to.
 
     A goal that nobody ever came upon can't be learned, and from the same few places nobody comes upon it.
     From a random one of all places seen, a lane that then turns to its goal again looks around elsewhere
@@ -17,7 +17,7 @@ class Errands:
 
     Args:
         goal_size: Numbers at the end of an observation that say where the lane wants to.
-        steps: Actions that an errand lasts, on average.
+        steps: Actions that a lane keeps such a goal, on average.
     """
 
     def __init__(self, goal_size: int, steps: float) -> None:
@@ -25,16 +25,16 @@ class Errands:
         self._goals: Floats = np.zeros((0, goal_size), np.float32)
 
     def send(self, observations: Floats, replay: Replay, share: float, rng: np.random.Generator) -> Floats:
-        """Ends and begins errands by chance.
+        """Gives and takes such goals by chance.
 
         Args:
             observations: [B, D]
             replay: Knows the places.
-            share: Of the time that is spent on errands.
+            share: Of the time that is spent on such goals.
             rng: Of the draws.
 
         Returns:
-            The observations, of lanes on an errand with its goal. [B, D]
+            The observations, of lanes that explore with that goal. [B, D]
         """
         count, size = len(observations), self._goals.shape[1]
         if len(self._goals) != count:

@@ -1,0 +1,40 @@
+"""Settings come back from what was stored, also by the names that they had then."""
+
+import pytest
+
+from paddlectl.agents.settings import restored
+from paddlectl.learners.td3 import TD3Settings
+from paddlectl.transfer.guidance import GuidanceSettings
+
+OLDER_RULES = {
+    "fading": 0.3,
+    "curiosity": 0.01,
+    "least_reached": 0.4,
+    "audition_rate": 0.05,
+    "audition_samples": 7.0,
+    "practice_rate": 0.2,
+    "practice_reached": 0.6,
+}
+
+
+def test_older_names_are_read() -> None:
+    assert restored(GuidanceSettings(), OLDER_RULES, "rules") == GuidanceSettings(
+        similarity_decay=0.3,
+        target_floor=0.01,
+        drop_below_success=0.4,
+        forced_trial_rate=0.05,
+        forced_trial_samples=7.0,
+        novel_subgoal_rate=0.2,
+        novel_subgoal_success=0.6,
+    )
+    older = {"tracking": 0.5, "errands": 0.2, "errand_steps": 3.0}
+    today = TD3Settings(tau=0.5, goal_exploration=0.2, goal_exploration_steps=3.0)
+    assert restored(TD3Settings(), older, "low_level") == today
+
+
+@pytest.mark.parametrize(
+    "stored", [{"fading": 0.3, "similarity_decay": 0.3}, {"fadin": 0.3}, {"fading": "0.3"}, {"lanes": 4}]
+)
+def test_what_no_version_wrote_is_refused(stored: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=r"(rules|similarity_decay) can't be"):
+        restored(GuidanceSettings(), stored, "rules")
