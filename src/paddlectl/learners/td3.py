@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
-from paddlectl.learners.exploration import Errands
+from paddlectl.learners.exploration import Errands, HeldActions, Novelty
 from paddlectl.learners.networks import HIDDEN, GoalFeatures, gradient_step, load_named, mlp
 from paddlectl.learners.replay import Hindsight, Replay, Transitions
 
@@ -52,6 +52,10 @@ class TD3Settings:
             seen stays within bounds.
         random_actions: Share of actions drawn at random, from none in the first lane to this in the last: one
             goes a long way while another looks around. It falls to nothing over the budget.
+        random_steps: Actions that a random one is held, on average, and is a strong one
+            (`exploration.HeldActions`); 1 draws each anew, of any strength.
+        novelty: Reward of coming to a state that was never seen, beside the task's; the less the more often
+            it was seen (`exploration.Novelty`). It falls to nothing over the budget.
         errands: Share of the time on errands (`exploration.Errands`). It falls to nothing over the budget.
         errand_steps: Actions that one lasts, on average.
         goal_size: Numbers at the ends of an observation that say what is achieved and what is desired.
@@ -85,6 +89,8 @@ class TD3Settings:
     cloning: bool = False
     normalised: bool = False
     random_actions: float = 0.0
+    random_steps: float = 1.0
+    novelty: float = 0.0
     errands: float = 0.0
     errand_steps: float = 12.0
     goal_size: int = 0
@@ -152,6 +158,8 @@ class TD3:
         self._own = 1.0
         self._skilled = False
         self._errands = Errands(s.goal_size, s.errand_steps)
+        self._held = HeldActions(actions, s.random_steps)
+        self._novelty = Novelty(observation_size) if s.novelty else None
 
     def act(self, observations: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """Actions with the noise of exploration [B, A], and zeros [B].
@@ -162,15 +170,19 @@ class TD3:
         s, shape = self.settings, (len(observations), self.actions)
         if self._clones:
             return _best(self.online, observations, rng)
-        rate: float | NDArray[np.float64] = 0.0 if self._skilled else 1.0
+        rate = np.full(shape[0], 0.0 if self._skilled else 1.0)
         if self.replay and self._warm(self.replay):
             exploring = self._left * self._own
             rate = np.linspace(0.0, s.random_actions * exploring, shape[0])
             if s.errands:
                 observations = self._errands.send(observations, self.replay, s.errands * exploring, rng)
         noisy = _best(self.online, observations, rng)[0] + rng.normal(0.0, s.exploration, shape)
-        anyhow = rng.random(shape[0]) < rate
-        actions = np.where(anyhow[:, None], rng.uniform(-1.0, 1.0, shape), noisy.clip(-1.0, 1.0))
+        actions = noisy.clip(-1.0, 1.0)
+        if s.random_steps > 1.0:
+            actions = self._held.replace(actions, rate, rng)
+        else:
+            anyhow = rng.random(shape[0]) < rate
+            actions = np.where(anyhow[:, None], rng.uniform(-1.0, 1.0, shape), actions)
         return actions.astype(np.float32), np.zeros(shape[0], np.float32)
 
     def frozen(self) -> FrozenTD3:
@@ -214,16 +226,25 @@ class TD3:
             hindsight = Hindsight(s.goal_size, s.radius, s.goal_reward, s.hindsight, s.other_goals, s.span)
             self.replay = Replay(s.capacity, lanes, size, self.actions, hindsight)
         self.replay.add(buffer)
+        if self._novelty:
+            self._novelty.count(buffer.following())
         self._own = float((buffer.guides == TARGET).mean())
         if not self._warm(self.replay):
             return
         for _ in range(self._updates_for(buffer)):
-            self._improve(self.replay.sample(s.batch, self.rng), guidance)
+            self._improve(self._with_novelty(self.replay.sample(s.batch, self.rng)), guidance)
 
     def _updates_for(self, buffer: RolloutBuffer) -> int:
         """How many updates are due with this block; parts of one are left over for the next."""
         due, self._due = divmod(self._due + buffer.rewards.size / self.settings.update_every, 1.0)
         return int(due)
+
+    def _with_novelty(self, batch: Transitions) -> Transitions:
+        """The batch, its rewards with what novelty pays by now."""
+        if not self._novelty:
+            return batch
+        bonus = torch.from_numpy(self._novelty.bonus(batch.following.numpy()))
+        return batch._replace(rewards=batch.rewards + self.settings.novelty * self._left * bonus)
 
     def _imitate(self, buffer: RolloutBuffer) -> None:
         """The updates that are due, of (π(s) - a)² over what guides did in decisions that they reached."""
