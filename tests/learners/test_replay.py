@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from paddlectl.learners.buffers import RolloutBuffer
-from paddlectl.learners.goal_exploration import GoalExploration
+from paddlectl.learners.exploration import GoalExploration
 from paddlectl.learners.replay import Hindsight, Replay
 
 LANES, STEPS = 2, 8

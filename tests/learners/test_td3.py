@@ -100,6 +100,39 @@ def test_random_actions_rise_from_lane_to_lane_and_fall_over_the_budget():
     assert not share(1.0).any()
 
 
+def test_td3_holds_random_actions_until_it_is_warm_and_in_its_last_lanes_the_longest():
+    learner = TD3(2, 1, 0, TD3Settings(**SMALL, random_actions=1.0, random_steps=5.0, exploration=0.0))
+    seen, rng = np.zeros((100, 2), np.float32), np.random.default_rng(0)
+    first = np.stack([learner.act(seen, rng)[0] for _ in range(60)])
+    assert (first[30:] != first[29:-1]).mean() == pytest.approx(1 / 5, abs=0.05)
+    learner.update(bandit_block(learner, rng))
+    best = learner.eval_actor().act(seen[:1], rng)[0]
+    later = np.stack([learner.act(seen, rng)[0] for _ in range(200)])[50:]
+    random = (np.abs(later) >= 0.5).mean(0)[:, 0]
+    assert abs(best.item()) < 0.5
+    np.testing.assert_allclose(random, np.linspace(0, 1, 100), atol=0.35)
+
+
+def test_td3_is_paid_for_novelty_beside_the_reward_and_not_at_the_end_of_the_budget():
+    learner = TD3(2, 1, 0, TD3Settings(**SMALL, novelty=0.5))
+    rng = np.random.default_rng(0)
+    while not learner.updates:
+        learner.update(bandit_block(learner, rng))
+    batch = transitions([1.0, 0.0], [0.0, 1.0], [np.inf, np.inf])
+    batch = batch._replace(following=torch.tensor([[50.0, 50.0], [-50.0, 50.0]]))
+    for done, rewards in ((0.0, [1.5, 0.5]), (0.5, [1.25, 0.25]), (1.0, [1.0, 0.0])):
+        learner.anneal(done)
+        assert learner._with_novelty(batch).rewards.tolist() == rewards
+    often = batch._replace(following=torch.zeros(2, 2))
+    learner.anneal(0.0)
+    assert 1.0 < learner._with_novelty(often).rewards[0].item() < 1.1
+
+
+def test_without_novelty_rewards_stay_as_they_are():
+    batch = transitions([1.0], [0.0], [np.inf])
+    assert TD3(2, 1, 0, TD3Settings(**SMALL))._with_novelty(batch) is batch
+
+
 def test_the_slow_copies_lag_behind_and_guides_are_played_by_them():
     learner = trained(0, blocks=4)
     seen = np.zeros((1, 2), np.float32)

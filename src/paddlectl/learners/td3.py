@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
-from paddlectl.learners.goal_exploration import GoalExploration
+from paddlectl.learners.exploration import GoalExploration, HeldActions, Novelty
 from paddlectl.learners.networks import HIDDEN, GoalFeatures, gradient_step, load_named, mlp
 from paddlectl.learners.replay import Hindsight, Replay, Transitions
 
@@ -52,6 +52,10 @@ class TD3Settings:
             seen stays within bounds.
         random_actions: Share of actions drawn at random, from none in the first lane to this in the last: one
             goes a long way while another looks around. It falls to nothing over the budget.
+        random_steps: Actions that a random one is held, on average, and is a strong one
+            (`exploration.HeldActions`); 1 draws each anew, of any strength.
+        novelty: Reward of coming to a state that was never seen, beside the task's; the less the more often
+            it was seen (`exploration.Novelty`). It falls to nothing over the budget.
         goal_exploration: Share of the time on the way to places seen before (`GoalExploration`). It falls
             to nothing over the budget.
         goal_exploration_steps: Actions on the way to one of them, on average.
@@ -86,6 +90,8 @@ class TD3Settings:
     cloning: bool = False
     normalised: bool = False
     random_actions: float = 0.0
+    random_steps: float = 1.0
+    novelty: float = 0.0
     goal_exploration: float = 0.0
     goal_exploration_steps: float = 12.0
     goal_size: int = 0
@@ -153,6 +159,8 @@ class TD3:
         self._own = 1.0
         self._skilled = False
         self._goal_exploration = GoalExploration(s.goal_size, s.goal_exploration_steps)
+        self._held = HeldActions(actions, s.random_steps)
+        self._novelty = Novelty(observation_size) if s.novelty else None
 
     def act(self, observations: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """Actions with the noise of exploration [B, A], and zeros [B].
@@ -163,7 +171,7 @@ class TD3:
         s, shape = self.settings, (len(observations), self.actions)
         if self._clones:
             return _best(self.online, observations, rng)
-        rate: float | NDArray[np.float64] = 0.0 if self._skilled else 1.0
+        rate = np.full(shape[0], 0.0 if self._skilled else 1.0)
         if self.replay and self._warm(self.replay):
             exploring = self._left * self._own
             rate = np.linspace(0.0, s.random_actions * exploring, shape[0])
@@ -171,8 +179,12 @@ class TD3:
                 share = s.goal_exploration * exploring
                 observations = self._goal_exploration.send(observations, self.replay, share, rng)
         noisy = _best(self.online, observations, rng)[0] + rng.normal(0.0, s.exploration, shape)
-        anyhow = rng.random(shape[0]) < rate
-        actions = np.where(anyhow[:, None], rng.uniform(-1.0, 1.0, shape), noisy.clip(-1.0, 1.0))
+        actions = noisy.clip(-1.0, 1.0)
+        if s.random_steps > 1.0:
+            actions = self._held.replace(actions, rate, rng)
+        else:
+            anyhow = rng.random(shape[0]) < rate
+            actions = np.where(anyhow[:, None], rng.uniform(-1.0, 1.0, shape), actions)
         return actions.astype(np.float32), np.zeros(shape[0], np.float32)
 
     def eval_actor(self) -> TD3EvalActor:
@@ -216,16 +228,25 @@ class TD3:
             hindsight = Hindsight(s.goal_size, s.radius, s.goal_reward, s.hindsight, s.other_goals, s.span)
             self.replay = Replay(s.capacity, num_envs, size, self.actions, hindsight)
         self.replay.add(buffer)
+        if self._novelty:
+            self._novelty.count(buffer.following())
         self._own = float((buffer.guides == TARGET).mean())
         if not self._warm(self.replay):
             return
         for _ in range(self._updates_for(buffer)):
-            self._improve(self.replay.sample(s.batch, self.rng), guidance)
+            self._improve(self._with_novelty(self.replay.sample(s.batch, self.rng)), guidance)
 
     def _updates_for(self, buffer: RolloutBuffer) -> int:
         """How many updates are due with this block; parts of one are left over for the next."""
         due, self._due = divmod(self._due + buffer.rewards.size / self.settings.update_every, 1.0)
         return int(due)
+
+    def _with_novelty(self, batch: Transitions) -> Transitions:
+        """The batch, its rewards with what novelty pays by now."""
+        if not self._novelty:
+            return batch
+        bonus = torch.from_numpy(self._novelty.bonus(batch.following.numpy()))
+        return batch._replace(rewards=batch.rewards + self.settings.novelty * self._left * bonus)
 
     def _imitate(self, buffer: RolloutBuffer) -> None:
         """The updates that are due, of (π(s) - a)² over what guides did in decisions that they reached."""

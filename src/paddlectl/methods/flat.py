@@ -14,14 +14,18 @@ USUAL = {
         num_envs=32,
         rollout_steps=8,
         action_repeat=20,
-        reward_unit=100.0,
+        reward_unit=10.0,
         learner=TD3Settings(
-            learning_rate=1e-3, final_rate=0.2, optimiser="adam", update_every=16, tau=0.05,
-            hidden=(256, 256), normalised=True, exploration=0.2, random_actions=0.9, saturation_cost=1.0,
+            learning_rate=1e-3, final_rate=0.2, optimiser="adam", discount=0.98, batch=128, update_every=8,
+            tau=0.05, hidden=(256, 256), normalised=True, exploration=0.2, random_actions=0.5,
+            random_steps=5.0, novelty=0.1, saturation_cost=1.0,
         ),
     ),
 }  # fmt: skip
-"""TD3's are those that the hybrid model learns the maze with, but for what needs goals."""
+"""TD3's networks and rates are those that the hybrid model learns the maze with. What that model finds by its
+subgoals, TD3 alone has to come upon: by random actions that last and by novelty. Milestones count 1 each, so
+that a critic tells them from its own errors.
+"""
 
 
 def make(setup: Setup) -> FlatAgent:
