@@ -56,9 +56,9 @@ def _uses(registry: Registry) -> dict[str, Use]:
         uses[f"manifests/{policy.id}.json"] = checked
     for run in registry.runs():
         for path in (registry.folder / "runs" / run.id).glob("*.json*"):
-            read = registry.read_rows if path.suffix == ".jsonl" else registry.read_document
+            read = registry.files.read_rows if path.suffix == ".jsonl" else registry.files.read_document
             uses[f"runs/{run.id}/{path.name}"] = partial(read, run.id, path.stem)
-        uses[f"manifests/{run.id}.json"] = partial(registry.read_rows, run.id, "episodes")
+        uses[f"manifests/{run.id}.json"] = partial(registry.files.read_rows, run.id, "episodes")
     for suffix in ("json", "safetensors"):
         uses[f"runs/run-3/checkpoints/2.{suffix}"] = partial(_go_back, registry)
         uses[f"runs/run-3/checkpoints/1.{suffix}"] = checked
