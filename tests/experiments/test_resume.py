@@ -319,7 +319,7 @@ def after(count: int, place: Path) -> Kept:
                 log.write(round_)
                 after_round()
             checkpointer.stop.asked = True
-            for _ in range(8):
+            for _ in range(24):  # the quickest counts: others may be at work
                 with suppress(KeyboardInterrupt):
                     after_round()
         assert (log.curve.ended, log.curve.known) == (count, count)
