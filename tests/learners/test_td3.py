@@ -47,7 +47,9 @@ def test_the_defaults_are_those_of_table_1():
     assert (settings.learning_rate, settings.optimiser, settings.discount) == (2e-4, "rmsprop", 0.99)
     assert (settings.batch, settings.update_every, settings.policy_noise) == (256, 2, 0.2)
     assert settings.hidden == (400, 400, 400)
-    assert not (settings.goal_exploration or settings.hindsight or settings.lower_bound or settings.grid)
+    assert not (settings.goal_exploration or settings.novelty or settings.hindsight)
+    assert not (settings.lower_bound or settings.grid)
+    assert settings.random_steps == 1.0
 
 
 def bandit_block(learner: TD3, rng: np.random.Generator) -> RolloutBuffer:
