@@ -19,7 +19,7 @@ is merged into the JSON result, and `python benchmarks/readme_table.py` puts it 
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -147,6 +147,14 @@ def key_of(run: Result) -> str:
     return f"{run['method']} {run['task']}{source} {run['frames']:,} seed {run['seed']}"
 
 
+def _missing(registry: Registry, jobs: Iterable[Job]) -> list[Job]:
+    """Those whose policy isn't there yet: what a part before has trained is used again."""
+    trained = {(p.task, p.method, p.seed) for p in registry.policies()}
+    return [
+        job for job in jobs if not (isinstance(job, TrainJob) and (job.task, job.method, job.seed) in trained)
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -160,12 +168,8 @@ def main() -> None:
     registry, code = Registry.open(options.registry), commit()
     known = {record.id for record in registry.runs()}
     try:
-        trained = {(p.task, p.method, p.seed) for p in registry.policies()}
-        missing = [
-            job for job in sources_of(options) if (job.task, job.method, job.seed) not in trained
-        ]  # sources that an earlier part has trained are used again
-        run(missing, options.registry, options.workers)
-        run(list(jobs_of(options, registry)), options.registry, options.workers)
+        run(_missing(registry, sources_of(options)), options.registry, options.workers)
+        run(_missing(registry, jobs_of(options, registry)), options.registry, options.workers)
     finally:
         results: Result = json.loads(options.output.read_text()) if options.output.exists() else {"runs": {}}
         for record in registry.runs()[::-1]:
