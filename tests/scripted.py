@@ -1,4 +1,4 @@
-"""A corridor whose every step can be worked by hand, as a task of the house, and actors by script."""
+"""A corridor whose every step can be worked by hand, as a task of the package, and actors by script."""
 
 from collections.abc import Iterable, Sequence
 

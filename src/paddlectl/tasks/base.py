@@ -1,4 +1,4 @@
-"""What a task is to the rest of the house: symbols, subgoals, and a batch of environments."""
+"""What a task is to the rest of the package: symbols, subgoals, and a batch of environments."""
 
 import typing
 from collections.abc import Mapping
