@@ -24,13 +24,13 @@ def engine_steps(task: str, num_envs: int, seconds: float) -> float:
     env = suite.load(task).make(num_envs, 0)
     rng = np.random.default_rng(0)
     actions = rng.integers(env.actions.size, size=(64, num_envs))
-    heads = rng.integers(len(suite.load(task).domain_heads), size=(64, num_envs))
+    subgoals = rng.integers(len(suite.load(task).domain_subgoals), size=(64, num_envs))
 
     def run(i: int) -> int:
         step = env.step(actions[i % 64])
         env.valuation()
-        env.observe(heads[i % 64])
-        env.reached(heads[i % 64])
+        env.observe(subgoals[i % 64])
+        env.reached(subgoals[i % 64])
         finished = step.terminated | step.truncated
         if finished.any():
             env.reset(finished)

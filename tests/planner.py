@@ -89,7 +89,7 @@ class World:
             s.PLACE_BLOCKAGE: state.blockage == self.tile[Held.BLOCKAGE],
             s.PLACE_BALL: state.ball == self.tile[Held.BALL],
         }
-        return all(truth[head] for head in self.spec.success)
+        return all(truth[subgoal] for subgoal in self.spec.success)
 
     def successors(self, state: State):
         """Every (action, state) that changes something."""
@@ -233,7 +233,7 @@ def _done(world: World, phase: Phase) -> np.ndarray:
     }
     if world.spec.success == (s.GT_GOAL,):
         return _mask(world.goal)
-    return np.full(CELLS, all(truth[head] for head in world.spec.success))
+    return np.full(CELLS, all(truth[subgoal] for subgoal in world.spec.success))
 
 
 def _interactions(world: World, phase: Phase):

@@ -1,4 +1,4 @@
-"""A corridor whose every step can be worked by hand, as a task of the house, and actors by script."""
+"""A corridor whose every step can be worked by hand, as a task of the package, and actors by script."""
 
 from collections.abc import Iterable, Sequence
 
@@ -16,7 +16,7 @@ FAR = Predicate("far", 0)()
 GT_OTHER, GT_TWO, GT_END, GT_MOON = (
     Predicate(name, 0)() for name in ("gt_other", "gt_two", "gt_end", "gt_moon")
 )
-DOMAIN_HEADS = (GT_OTHER, GT_TWO, GT_END, GT_MOON)
+DOMAIN_SUBGOALS = (GT_OTHER, GT_TWO, GT_END, GT_MOON)
 OTHER, TWO, END, MOON = range(4)
 HORIZON = 12
 NEAR_SCENE, FAR_SCENE = range(2)
@@ -30,7 +30,7 @@ class Corridor:
     Layouts are numbered 1000·seed, 1000·seed + 1, …, in the order of being drawn.
     """
 
-    observation_size = 2 + len(DOMAIN_HEADS)
+    observation_size = 2 + len(DOMAIN_SUBGOALS)
     flat_size = 4
     actions = Actions(3)
 
@@ -65,22 +65,24 @@ class Corridor:
     def valuation(self):
         return (self.place >= 3)[:, None]
 
-    def observe(self, heads):
-        return np.column_stack([self.place / 10, self.layout % 3, np.eye(4)[heads]]).astype(np.float32)
+    def observe(self, subgoals):
+        return np.column_stack([self.place / 10, self.layout % 3, np.eye(4)[subgoals]]).astype(np.float32)
 
     def flat_state(self):
         columns = [self.place / 10, self.layout % 3, self.paid, self.t / HORIZON]
         return np.column_stack(columns).astype(np.float32)
 
-    def in_world(self, heads, actions):
+    def in_world(self, subgoals, actions):
         return actions
 
-    def reached(self, heads):
+    def reached(self, subgoals):
         places = {TWO: self.place == 2, END: self._at_end(), MOON: np.ones(self.num_envs, np.bool_)}
-        return np.array([head in places and places[head][lane] for lane, head in enumerate(heads)])
+        return np.array(
+            [subgoal in places and places[subgoal][lane] for lane, subgoal in enumerate(subgoals)]
+        )
 
-    def available(self, heads):
-        return ~self.reached(heads) & (np.asarray(heads) != OTHER)
+    def available(self, subgoals):
+        return ~self.reached(subgoals) & (np.asarray(subgoals) != OTHER)
 
 
 TASK = Task(
@@ -89,8 +91,8 @@ TASK = Task(
     summary="get to the end",
     horizon=HORIZON,
     vocabulary=Vocabulary((FAR,)),
-    heads=(GT_END, GT_TWO, GT_MOON),
-    domain_heads=DOMAIN_HEADS,
+    subgoals=(GT_END, GT_TWO, GT_MOON),
+    domain_subgoals=DOMAIN_SUBGOALS,
     make=Corridor,
 )
 
@@ -127,10 +129,10 @@ class ByScript:
 
 
 class Teller:
-    """Gives these heads in turn, the last for ever; a listener that remembers what it was told."""
+    """Gives these subgoals in turn, the last for ever; a listener that remembers what it was told."""
 
-    def __init__(self, heads: Iterable[int], guides: Sequence[int] = (0,)) -> None:
-        self._heads = list(heads)
+    def __init__(self, subgoals: Iterable[int], guides: Sequence[int] = (0,)) -> None:
+        self._subgoals = list(subgoals)
         self._guides = guides
         self.asked: list[list[tuple[int, int]]] = []
         self.progress: list[list[int]] = []
@@ -140,9 +142,9 @@ class Teller:
         scenes, progress = divmod(scene_states, PROGRESS)
         self.asked.append(list(zip(lanes.tolist(), scenes.tolist(), strict=True)))
         self.progress.append(progress.tolist())
-        head = self._heads[min(len(self.asked), len(self._heads)) - 1]
+        subgoal = self._subgoals[min(len(self.asked), len(self._subgoals)) - 1]
         guides = np.array([self._guides[lane % len(self._guides)] for lane in lanes])
-        return guides, np.full(len(lanes), head)
+        return guides, np.full(len(lanes), subgoal)
 
     def on_decision_end(self, outcome):
         self.told.append(outcome)
@@ -154,12 +156,12 @@ def learning(method: Method, setup: Setup) -> Learning:
     return Learning(environment, method.make(setup), setup.frames)
 
 
-def outcome(scene_state, head, reward=0.0, following=None, reached=False, lane=0):
+def outcome(scene_state, subgoal, reward=0.0, following=None, reached=False, lane=0):
     """One decision of three steps that ended; the task is solved if no scene follows."""
     columns = {
         "lanes": lane,
         "scene_states": scene_state,
-        "heads": head,
+        "subgoals": subgoal,
         "guides": 0,
         "steps": 3,
         "rewards": np.float32(reward),

@@ -1,4 +1,4 @@
-"""The house's rules on imports, read from the source: direction, cycles, and each package's home room."""
+"""The package's rules on imports, read from the source: direction, cycles, and each package's home room."""
 
 import ast
 import sys

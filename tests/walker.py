@@ -29,22 +29,22 @@ def _next_cells(goal: tuple[int, int]) -> dict[tuple[int, int], tuple[int, int]]
 NEXT = [_next_cells(cell_of(place)) for place in PLACES]
 
 
-def force(position: np.ndarray, velocity: np.ndarray, head: int, seconds: float) -> np.ndarray:
-    """The force, held so many seconds, that brings one ball on its way to a head's place."""
+def force(position: np.ndarray, velocity: np.ndarray, subgoal: int, seconds: float) -> np.ndarray:
+    """The force, held so many seconds, that brings one ball on its way to a subgoal's place."""
     cell = cell_of(position)
-    ahead = NEXT[head][cell]
-    while (after := NEXT[head][ahead]) != ahead and (after[0] == cell[0] or after[1] == cell[1]):
+    ahead = NEXT[subgoal][cell]
+    while (after := NEXT[subgoal][ahead]) != ahead and (after[0] == cell[0] or after[1] == cell[1]):
         ahead = after
-    goal = PLACES[head] if NEXT[head][ahead] == ahead else np.array(centre(*ahead))
+    goal = PLACES[subgoal] if NEXT[subgoal][ahead] == ahead else np.array(centre(*ahead))
     wanted = ((goal - position) * min(5.0, 0.7 / seconds)).clip(-5.0, 5.0)
     return np.clip((wanted - velocity) / (seconds * _MOST), -1.0, 1.0)
 
 
 class Walker:
-    """Takes each lane of an engine to these heads in turn, or to random ones for ever."""
+    """Takes each lane of an engine to these subgoals in turn, or to random ones for ever."""
 
-    def __init__(self, *heads: int, rng: np.random.Generator | None = None) -> None:
-        self._heads = heads
+    def __init__(self, *subgoals: int, rng: np.random.Generator | None = None) -> None:
+        self._subgoals = subgoals
         self._rng = rng
         self._wanted: np.ndarray = np.zeros(0, np.intp)
 
@@ -69,5 +69,5 @@ class Walker:
         if self._rng:
             self._wanted[lanes] = self._rng.integers(len(PLACES), size=len(lanes))
         else:
-            last = len(self._heads) - 1
-            self._wanted[lanes] = [self._heads[min(turn, last)] for turn in self._turn[lanes]]
+            last = len(self._subgoals) - 1
+            self._wanted[lanes] = [self._subgoals[min(turn, last)] for turn in self._turn[lanes]]

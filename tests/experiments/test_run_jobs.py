@@ -49,7 +49,7 @@ def test_runs_are_finished_and_their_policies_kept(trained):
         assert run.settings["frames"] == 1
         assert run.versions["torch"]
         program = parse_program(policy.program)
-        assert {clause.head for clause in program.clauses} <= set(load(policy.task).heads)
+        assert {clause.head for clause in program.clauses} <= set(load(policy.task).subgoals)
         assert all(p >= 0.1 for p in program.probabilities)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from paddlectl.hybrid.credit import CreditSettings, credit, discounted_returns
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, task_heads
+from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, task_subgoals
 from paddlectl.hybrid.rollout import PROGRESS, Outcome
 from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, OTHER, TASK, TWO
 
@@ -12,15 +12,15 @@ KINDS = pytest.mark.parametrize("planned", [True, False], ids=["planned", "monte
 
 
 class Learning:
-    """A policy that learns from episodes of (scene, head, reward, reached) decisions by one guide."""
+    """A policy that learns from episodes of (scene, subgoal, reward, reached) decisions by one guide."""
 
     def __init__(self, planned, **settings):
         self.policy = HybridPolicy(TASK, 0, HybridSettings())
         settings = CreditSettings(planned=planned, **settings)
-        self._credit = credit(self.policy.clauses, task_heads(TASK), settings)
+        self._credit = credit(self.policy.clauses, task_subgoals(TASK), settings)
 
-    def probability(self, scene, head):
-        return self.policy.clauses.probabilities()[scene, task_heads(TASK)[head]]
+    def probability(self, scene, subgoal):
+        return self.policy.clauses.probabilities()[scene, task_subgoals(TASK)[subgoal]]
 
     def learn(self, *episodes, guide=0, blocks=30):
         for _ in range(blocks):
@@ -36,14 +36,14 @@ class Learning:
     def telling(self, decisions, guide=0, lane=0):
         """Tells of a decision whenever it is asked to go on."""
         progress = 0
-        for number, (scene, head, reward, reached) in enumerate(decisions):
+        for number, (scene, subgoal, reward, reached) in enumerate(decisions):
             done = number + 1 == len(decisions)
             paid = min(progress + (reward > 0), PROGRESS - 1)
             following = 0 if done else decisions[number + 1][0] * PROGRESS + paid
             columns = (
                 lane,
                 scene * PROGRESS + progress,
-                head,
+                subgoal,
                 guide,
                 3,
                 np.float32(reward),
@@ -62,7 +62,7 @@ SOLVED = [(NEAR_SCENE, TWO, 0.0, True), (FAR_SCENE, END, 0.9, True)]
 
 
 @KINDS
-def test_heads_that_lead_to_the_end_are_learned(planned):
+def test_subgoals_that_lead_to_the_end_are_learned(planned):
     near = [(NEAR_SCENE, MOON, 0.0, False), (NEAR_SCENE, END, 0.0, False)]
     far = [(FAR_SCENE, MOON, 0.0, False), (FAR_SCENE, TWO, 0.0, False)]
     made = Learning(planned).learn(SOLVED, near, far, blocks=60)
@@ -85,7 +85,7 @@ def test_what_leads_nowhere_is_not_learned(planned):
 
 
 @KINDS
-def test_heads_that_the_task_lacks_are_passed_over(planned):
+def test_subgoals_that_the_task_lacks_are_passed_over(planned):
     made = Learning(planned)
     before = made.policy.clauses.probabilities()
     made.learn([(NEAR_SCENE, OTHER, 0.0, True), (FAR_SCENE, OTHER, 0.9, True)], guide=1)
@@ -101,7 +101,7 @@ def test_a_block_without_decisions_changes_nothing(planned):
 
 
 def test_monte_carlo_imitates_guides_that_reached_alone():
-    """A crisp guide's advantage is zero on average; only the return itself teaches its head."""
+    """A crisp guide's advantage is zero on average; only the return itself teaches its subgoal."""
     by_guide = Learning(planned=False).learn(*[SOLVED] * 4, guide=1)
     alone = Learning(planned=False).learn(*[SOLVED] * 4, guide=0)
     unreached = [(*decision[:3], False) for decision in SOLVED]
@@ -110,7 +110,7 @@ def test_monte_carlo_imitates_guides_that_reached_alone():
     assert max(made.probability(NEAR_SCENE, TWO) for made in (alone, missed)) < 0.7
 
 
-def test_planning_imitates_a_guide_only_where_it_knows_no_better_head():
+def test_planning_imitates_a_guide_only_where_it_knows_no_better_subgoal():
     """A guide's subgoal leads back to where it was, though the episode is solved in the end."""
     detour = [(NEAR_SCENE, MOON, 0.0, True), (NEAR_SCENE, MOON, 0.0, True), *SOLVED]
     made = Learning(planned=True)
@@ -122,8 +122,8 @@ def test_planning_imitates_a_guide_only_where_it_knows_no_better_head():
 
 
 @pytest.mark.parametrize("margin, learned", [(0.0, False), (0.05, True)])
-def test_planning_imitates_a_guide_whose_head_is_nearly_the_best(margin, learned):
-    """Another head is worth a little more, though it is never reached: what it is paid lies on its way."""
+def test_planning_imitates_a_guide_whose_subgoal_is_nearly_the_best(margin, learned):
+    """Another subgoal is worth a little more, though it is never reached: what it is paid lies on its way."""
     reached, on_the_way = (NEAR_SCENE, TWO, 0.5, True), (NEAR_SCENE, MOON, 0.51, False)
     made = Learning(planned=True, imitation_margin=margin)
     made.learn([reached], *[[reached]] * 8, [on_the_way], guide=1)

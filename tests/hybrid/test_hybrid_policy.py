@@ -1,4 +1,4 @@
-"""Programs read off a policy, and the heads that it plays."""
+"""Programs read off a policy, and the subgoals that it plays."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,10 @@ from paddlectl.hybrid.policy import (
     HybridPolicy,
     HybridSettings,
     ProgramSelector,
-    domain_heads,
+    domain_subgoals,
     sample_rows,
     sharpened,
-    task_heads,
+    task_subgoals,
 )
 from paddlectl.hybrid.rollout import PROGRESS
 from paddlectl.logic.atoms import Literal
@@ -34,7 +34,7 @@ def clauses(program):
     return dict(zip(program.clauses, program.probabilities, strict=True))
 
 
-def test_the_complete_program_has_every_scene_and_head(policy):
+def test_the_complete_program_has_every_scene_and_subgoal(policy):
     assert clauses(policy.program()) == {
         Clause(GT_END, NEAR_BODY): 0.05,
         Clause(GT_TWO, NEAR_BODY): 0.9,
@@ -56,22 +56,22 @@ def test_scenes_that_were_not_visited_are_left_out(policy):
     assert policy.program(np.array([], np.intp)).clauses == ()
 
 
-def test_heads_are_numbered_by_the_domain():
-    assert domain_heads(TASK).tolist() == [END, TWO, MOON]
-    assert task_heads(TASK).tolist() == [-1, 1, 0, 2]
+def test_subgoals_are_numbered_by_the_domain():
+    assert domain_subgoals(TASK).tolist() == [END, TWO, MOON]
+    assert task_subgoals(TASK).tolist() == [-1, 1, 0, 2]
 
 
-def test_heads_are_played_as_often_as_the_program_says(policy):
+def test_subgoals_are_played_as_often_as_the_program_says(policy):
     selector = ProgramSelector(policy, np.random.default_rng(0))
-    guides, heads = selector.select(np.arange(20_000), np.full(20_000, FAR_SCENE * PROGRESS + 2))
+    guides, subgoals = selector.select(np.arange(20_000), np.full(20_000, FAR_SCENE * PROGRESS + 2))
     assert not guides.any()
-    assert np.bincount(heads, minlength=4) / 20_000 == pytest.approx([0.0, 0.1, 0.8, 0.1], abs=0.01)
+    assert np.bincount(subgoals, minlength=4) / 20_000 == pytest.approx([0.0, 0.1, 0.8, 0.1], abs=0.01)
 
 
 def test_a_sharpened_program_is_played_crisper(policy):
     selector = ProgramSelector(policy, np.random.default_rng(0), sharpness=3.0)
-    _, heads = selector.select(np.arange(20_000), np.full(20_000, FAR_SCENE * PROGRESS + 2))
-    assert (heads == END).mean() == pytest.approx(0.512 / 0.514, abs=0.003)
+    _, subgoals = selector.select(np.arange(20_000), np.full(20_000, FAR_SCENE * PROGRESS + 2))
+    assert (subgoals == END).mean() == pytest.approx(0.512 / 0.514, abs=0.003)
 
 
 def test_new_weights_are_played_after_a_refresh(policy):
@@ -79,8 +79,8 @@ def test_new_weights_are_played_after_a_refresh(policy):
     with torch.no_grad():
         policy.clauses.weights.copy_(torch.tensor([[0.0, 0.0, 99.0]] * 2))
     selector.refresh()
-    _, heads = selector.select(np.arange(50), np.zeros(50, np.intp))
-    assert (heads == MOON).all()
+    _, subgoals = selector.select(np.arange(50), np.zeros(50, np.intp))
+    assert (subgoals == MOON).all()
 
 
 def test_sharpening_by_hand():

@@ -10,7 +10,7 @@ from paddlectl.hybrid.rollout import PROGRESS, DecisionSettings, Rollout
 from paddlectl.learners.clauses import ClauseLearner
 from paddlectl.logic.templates import scenes
 from scripted import (
-    DOMAIN_HEADS,
+    DOMAIN_SUBGOALS,
     END,
     FAR,
     FAR_SCENE,
@@ -36,7 +36,7 @@ class Run:
     """A rollout at work in corridors, a block at a time."""
 
     def __init__(self, num_envs, selector, *actors, settings=SETTINGS):
-        reader = ClauseLearner((FAR,), scenes((FAR,)), TASK.heads, 0)
+        reader = ClauseLearner((FAR,), scenes((FAR,)), TASK.subgoals, 0)
         rng = np.random.default_rng(0)
         self.environment = Corridor(num_envs, 0)
         self._rollout = Rollout(
@@ -56,10 +56,10 @@ class Run:
 
 
 def decided(teller):
-    """scene, head, steps, extrinsic reward, reached: of each episode that ended, in order of ending."""
+    """scene, subgoal, steps, extrinsic reward, reached: of each episode that ended, in order of ending."""
     going_on, ended = {}, []
     for told in teller.told:
-        columns = (told.scene_states // PROGRESS, told.heads, told.steps, told.rewards, told.reached)
+        columns = (told.scene_states // PROGRESS, told.subgoals, told.steps, told.rewards, told.reached)
         for lane, done, *decision in zip(told.lanes, told.done, *columns, strict=True):
             going_on.setdefault(lane, []).append(tuple(value.item() for value in decision))
             if done:
@@ -67,7 +67,7 @@ def decided(teller):
     return ended
 
 
-# The first episode of one lane: head asked for; action; whether the decision ends, has reached; intrinsic
+# The first episode of one lane: subgoal asked for; action; whether the decision ends, has reached; intrinsic
 # reward, 1 - 0.5·k/5 after k steps.
 EPISODE = [
     (TWO, RIGHT, 0, 0, 0.0),
@@ -83,7 +83,7 @@ EPISODE = [
     (None, RIGHT, 1, 1, 0.8),  # cell 5: solved in step 11
     (OTHER, STAY, 1, 0, -0.1),  # the next episode; nothing of this task to act on
 ]
-# scene, head, steps, extrinsic reward, reached
+# scene, subgoal, steps, extrinsic reward, reached
 DECIDED = [
     (NEAR_SCENE, TWO, 2, 0.1, True),
     (NEAR_SCENE, MOON, 1, 0.0, False),
@@ -95,8 +95,8 @@ DECIDED = [
 
 @pytest.fixture
 def played():
-    heads, actions, *_ = zip(*EPISODE, strict=True)
-    teller = Teller(head for head in heads if head is not None)
+    subgoals, actions, *_ = zip(*EPISODE, strict=True)
+    teller = Teller(subgoal for subgoal in subgoals if subgoal is not None)
     run = Run(1, teller, ByScript(*actions))
     buffer = block(len(EPISODE), 1)
     return run, teller, buffer, run.collect(buffer)
@@ -116,9 +116,9 @@ def test_when_decisions_end_and_what_they_pay_the_low_level(played):
 def test_what_the_low_level_sees_is_of_the_decision_then_running(played):
     _, _, buffer, _ = played
     places = [0, 1, 2, 2, 3, 3, 3, 3, 3, 3, 4, 0]
-    heads = [TWO, TWO, MOON, *[END] * 8, OTHER]
+    subgoals = [TWO, TWO, MOON, *[END] * 8, OTHER]
     assert buffer.observations[:, 0, 0] == pytest.approx(np.array(places) / 10)
-    assert buffer.observations[:, 0, 2:].argmax(-1).tolist() == heads
+    assert buffer.observations[:, 0, 2:].argmax(-1).tolist() == subgoals
 
 
 def test_the_episode_and_its_decisions(played):
@@ -136,7 +136,8 @@ def test_the_selector_is_asked_when_a_decision_has_ended_and_told_what_came_of_i
     scenes_asked = [NEAR_SCENE] * 3 + [FAR_SCENE] * 2 + [NEAR_SCENE]
     assert teller.asked == [[(0, scene)] for scene in scenes_asked]
     told = [
-        (*map(int, (o.scene_states[0] // PROGRESS, o.heads[0], o.steps[0])), o.done[0]) for o in teller.told
+        (*map(int, (o.scene_states[0] // PROGRESS, o.subgoals[0], o.steps[0])), o.done[0])
+        for o in teller.told
     ]
     assert told[:5] == [(*each[:3], done) for each, done in zip(DECIDED, [False] * 4 + [True], strict=True)]
     led_to = [int(o.next_scene_states[0] // PROGRESS) for o in teller.told[:4]]
@@ -238,7 +239,7 @@ def test_the_last_observations_are_what_comes_after_the_block():
     Run(2, Teller([END]), ByScript(RIGHT)).collect(buffer)
     assert buffer.last_observations[:, 0] == pytest.approx([0.2, 0.2])
     assert buffer.last_observations[:, 2:].argmax(-1).tolist() == [END, END]
-    assert len(DOMAIN_HEADS) == buffer.last_observations.shape[1] - 2
+    assert len(DOMAIN_SUBGOALS) == buffer.last_observations.shape[1] - 2
 
 
 def test_the_last_state_of_a_decision_is_kept_as_it_was_before_what_came_next():

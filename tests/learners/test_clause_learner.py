@@ -23,7 +23,7 @@ def learner(atoms=(P, Q), exclusions=(), heads=(GO, STAY), seed=0, **settings):
 
 def of_task(name, seed=0):
     task = load(name)
-    return learner(task.vocabulary.atoms, task.vocabulary.exclusions, task.heads, seed)
+    return learner(task.vocabulary.atoms, task.vocabulary.exclusions, task.subgoals, seed)
 
 
 def set_weights(made, rows):

@@ -12,9 +12,13 @@ from scripted import END, HORIZON, RIGHT, STAY, TASK, TWO, ByScript, Corridor
 HALF = ClauseSettings(discount=0.5, step_discount=1.0)
 
 
-def policy(monkeypatch, *heads, discounts=HALF, **settings):
-    """Picks these of the task's heads in turn, the last for ever; gives the batches that it learns from."""
-    made, batches, left = HDQNPolicy(TASK, 0, HDQNSettings(discounts=discounts, **settings)), [], list(heads)
+def policy(monkeypatch, *subgoals, discounts=HALF, **settings):
+    """Picks these of the task's subgoals in turn, the last for ever; gives the batches it learns from."""
+    made, batches, left = (
+        HDQNPolicy(TASK, 0, HDQNSettings(discounts=discounts, **settings)),
+        [],
+        list(subgoals),
+    )
 
     def act(states, rng):
         return np.full(len(states), left.pop(0) if len(left) > 1 else left[0])
@@ -37,7 +41,7 @@ def test_a_batch_of_three_lanes_of_four(monkeypatch):
         Outcome(
             lanes=np.array([0, 2, 3]),
             scene_states=np.zeros(3, np.intp),
-            heads=np.array([END, TWO, END]),
+            subgoals=np.array([END, TWO, END]),
             guides=np.zeros(3, np.intp),
             steps=np.array([1, 2, 1]),
             rewards=np.float32([0.1, 0.9, 0.0]),
@@ -63,9 +67,9 @@ def states(batches, name):
     return np.concatenate([getattr(batch, name) for batch in batches])
 
 
-def learn(monkeypatch, heads, actions, frames):
+def learn(monkeypatch, subgoals, actions, frames):
     settings = {"num_envs": 1, "rollout_steps": frames, "decisions": DecisionSettings(max_steps=5)}
-    made, batches = policy(monkeypatch, *heads, **settings)
+    made, batches = policy(monkeypatch, *subgoals, **settings)
     made.low_level = ByScript(*actions)
     list(Learning(Corridor(1, 0), HDQNAgent(made, 0), frames))
     return batches

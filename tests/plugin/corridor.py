@@ -11,7 +11,7 @@ from paddlectl.tasks.split import belongs
 HORIZON = 40
 LONGEST = 12
 HAS_COIN, COIN_LEFT = Predicate("has_coin", 1)("agent"), Predicate("is_left", 1)("coin")
-HEADS = (Predicate("gt_coin", 0)(), Predicate("gt_exit", 0)())
+SUBGOALS = (Predicate("gt_coin", 0)(), Predicate("gt_exit", 0)())
 
 
 class Corridor(Environment):
@@ -65,33 +65,33 @@ class Corridor(Environment):
         score = (solved * (1 - 0.9 * self.t / HORIZON)).astype(np.float32)
         return Step(score, score, solved, cut)
 
-    def _goal(self, heads):
+    def _goal(self, subgoals):
         """The cell of each lane's subgoal: the coin's end, or the other."""
-        return np.where((heads == 0) == self.coin_left, 0, self.length - 1)
+        return np.where((subgoals == 0) == self.coin_left, 0, self.length - 1)
 
-    def _at(self, heads):
-        return self.place == self._goal(heads)
+    def _at(self, subgoals):
+        return self.place == self._goal(subgoals)
 
     def valuation(self):
         return np.column_stack([self.coin, self.coin_left])
 
-    def observe(self, heads):
-        offset = (self._goal(heads) - self.place) / LONGEST
-        return np.column_stack([offset, self.coin, heads == 0, heads == 1]).astype(np.float32)
+    def observe(self, subgoals):
+        offset = (self._goal(subgoals) - self.place) / LONGEST
+        return np.column_stack([offset, self.coin, subgoals == 0, subgoals == 1]).astype(np.float32)
 
     def flat_state(self):
         far = self.length - 1 - self.place
         columns = [self.place / LONGEST, far / LONGEST, self.coin, self.coin_left, ~self.coin_left]
         return np.column_stack([*columns, self.t / HORIZON]).astype(np.float32)
 
-    def in_world(self, heads, actions):
+    def in_world(self, subgoals, actions):
         return actions
 
-    def reached(self, heads):
-        return np.where(heads == 0, self.coin, self._at(heads))
+    def reached(self, subgoals):
+        return np.where(subgoals == 0, self.coin, self._at(subgoals))
 
-    def available(self, heads):
-        return ~self.reached(heads)
+    def available(self, subgoals):
+        return ~self.reached(subgoals)
 
 
 def make_task(name):
@@ -102,7 +102,7 @@ def make_task(name):
         summary=f"{'Fetch the coin, then g' if coin_needed else 'G'}o to the way out.",
         horizon=HORIZON,
         vocabulary=Vocabulary((HAS_COIN, COIN_LEFT)),
-        heads=HEADS,
-        domain_heads=HEADS,
+        subgoals=SUBGOALS,
+        domain_subgoals=SUBGOALS,
         make=partial(Corridor, coin_needed),
     )

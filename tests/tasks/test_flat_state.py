@@ -36,7 +36,7 @@ def flat(picture, held=Held.NOTHING, paid=0, t=0):
 
 
 def test_a_state_worked_by_hand():
-    paid = 1 << s.HEADS.index(s.GT_KEY)
+    paid = 1 << s.SUBGOALS.index(s.GT_KEY)
     seen = flat(BLOCKED, Held.KEY, paid, HORIZON // 4)
     # on the grid, dx, dy, their signs, dx = 0, dy = 0, near; in hand; in front
     assert seen[KEY].tolist() == [0, 0, 0, 0, 0, 0, 0, 0, 1, 0]
@@ -50,7 +50,7 @@ def test_a_state_worked_by_hand():
     assert passage[9:17].tolist() == [1, 0, 0, 0, 0, 1, 0, 0]  # facing right, the key in hand
     facts = {s.Fact.KEY_HELD, s.Fact.BLOCKED, s.Fact.BOX_CLOSED}
     assert passage[17:27].tolist() == [float(s.Fact(1 << bit) in facts) for bit in range(10)]
-    assert passage[27:37].tolist() == [float(head == s.GT_KEY) for head in s.HEADS]
+    assert passage[27:37].tolist() == [float(subgoal == s.GT_KEY) for subgoal in s.SUBGOALS]
     assert passage[37:].tolist() == [0.75]
 
 
@@ -90,7 +90,7 @@ def test_milestones_show_once_they_are_paid():
     environment = load("BoxDoor").make(256, 5)
     rng = np.random.default_rng(5)
     paid = np.zeros(256, bool)
-    column = 119 + 27 + s.HEADS.index(s.GT_KEY)
+    column = 119 + 27 + s.SUBGOALS.index(s.GT_KEY)
     for _ in range(150):
         step = environment.step(environment.actions.sample(rng, 256))
         paid |= (step.reward > 0) & ~step.terminated

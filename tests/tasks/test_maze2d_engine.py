@@ -73,7 +73,7 @@ def test_an_action_is_cut_short_by_the_end_of_the_episode():
 
 
 def test_availability_by_hand():
-    """Heads in order: coffee, its office, mail, its office, ball."""
+    """Subgoals in order: coffee, its office, mail, its office, ball."""
     rows = {
         (): [1, 0, 1, 0, 1],
         (COFFEE,): [0, 1, 1, 0, 1],
@@ -82,9 +82,17 @@ def test_availability_by_hand():
     }
     for places, expected in rows.items():
         engine, _ = at("CoffeeMailMaze", *places)
-        assert [engine.available(np.array([head]))[0] for head in range(5)] == [bool(x) for x in expected]
+        assert [engine.available(np.array([subgoal]))[0] for subgoal in range(5)] == [
+            bool(x) for x in expected
+        ]
     engine, _ = at("MailMaze", MAIL)
-    assert [engine.available(np.array([head]))[0] for head in range(5)] == [False, False, False, True, True]
+    assert [engine.available(np.array([subgoal]))[0] for subgoal in range(5)] == [
+        False,
+        False,
+        False,
+        True,
+        True,
+    ]
 
 
 def test_a_place_passed_by_within_an_action_is_reached():
@@ -97,22 +105,24 @@ def test_a_place_passed_by_within_an_action_is_reached():
 
 
 @pytest.mark.parametrize("task", SPECS)
-def test_every_head_can_be_reached_and_the_task_be_solved(task):
+def test_every_subgoal_can_be_reached_and_the_task_be_solved(task):
     """A walk through the task pays each errand once and then the final reward, within the horizon."""
     env = Engine(SPECS[task], 4, 0, action_repeat=10)
-    heads = [suite.load(task).domain_heads.index(head) for head in SPECS[task].heads]
-    walker, missing = Walker(*ERRANDS[task]), set(heads)
+    subgoals = [suite.load(task).domain_subgoals.index(subgoal) for subgoal in SPECS[task].subgoals]
+    walker, missing = Walker(*ERRANDS[task]), set(subgoals)
     total, scores, ended = np.zeros((3, 4))
     for _ in range(100):
-        before = {head: env.available(np.full(4, head)) for head in heads}
+        before = {subgoal: env.available(np.full(4, subgoal)) for subgoal in subgoals}
         step = env.step(walker.act(env))
-        missing -= {head for head in heads if (before[head] & env.reached(np.full(4, head))).any()}
+        missing -= {
+            subgoal for subgoal in subgoals if (before[subgoal] & env.reached(np.full(4, subgoal))).any()
+        }
         total, scores, ended = total + step.reward, scores + step.score, ended + step.terminated
         assert not step.truncated.any()
     assert not missing
     np.testing.assert_array_equal(ended, 1)
     np.testing.assert_allclose(scores, 100 * (1 - 0.9 * env.t / 1000), rtol=1e-6)
-    np.testing.assert_allclose(total - scores, 20 * (len(heads) // 2), rtol=1e-6)
+    np.testing.assert_allclose(total - scores, 20 * (len(subgoals) // 2), rtol=1e-6)
 
 
 def test_an_unsolved_episode_ends_at_the_horizon():

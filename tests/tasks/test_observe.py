@@ -10,7 +10,7 @@ from paddlectl.tasks.minigrid.observe import OBSERVATION_SIZE, Observer
 from pictures import parse
 
 TARGET, PASSAGE, TOUCH = slice(49, 57), slice(57, 64), slice(64, 67)
-FACING, HEAD = slice(67, 71), slice(71, 81)
+FACING, SUBGOAL = slice(67, 71), slice(71, 81)
 
 BLOCKED = """
 ###############
@@ -24,9 +24,9 @@ BLOCKED = """
 """
 
 
-def observe(state: State, head) -> np.ndarray:
-    heads = np.array([s.HEADS.index(head)])
-    seen = Observer(1)(state.grid, state.rows, state.agent, state.facing, state.held, state.where, heads)
+def observe(state: State, subgoal) -> np.ndarray:
+    subgoals = np.array([s.SUBGOALS.index(subgoal)])
+    seen = Observer(1)(state.grid, state.rows, state.agent, state.facing, state.held, state.where, subgoals)
     assert seen.shape == (1, OBSERVATION_SIZE)
     assert seen.dtype == np.float32
     return seen[0]
@@ -64,12 +64,12 @@ def test_a_mirrored_room_looks_the_same_and_is_walked_the_same(kept, change):
     rows = [f"#{a}{wall}......#" for a, wall in zip(turned, "L#####", strict=True)]
     picture = "\n".join(["#" * 15, *rows, "#" * 15]).replace("v", agent)
     state = parse(picture)
-    heads = np.array([s.HEADS.index(s.GT_KEY)])
-    moves = Observer(1).in_world(state.agent, state.where, heads, np.array([Action.RIGHT]))
+    subgoals = np.array([s.SUBGOALS.index(s.GT_KEY)])
+    moves = Observer(1).in_world(state.agent, state.where, subgoals, np.array([Action.RIGHT]))
     assert moves[0] == (Action.RIGHT if kept > 0 else Action.LEFT)
-    moves = Observer(1).in_world(state.agent, state.where, heads, np.array([Action.DOWN]))
+    moves = Observer(1).in_world(state.agent, state.where, subgoals, np.array([Action.DOWN]))
     assert moves[0] == (Action.DOWN if change > 0 else Action.UP)
-    assert Observer(1).in_world(state.agent, state.where, heads, np.array([Action.DROP]))[0] == Action.DROP
+    assert Observer(1).in_world(state.agent, state.where, subgoals, np.array([Action.DROP]))[0] == Action.DROP
     seen = observe(state, s.GT_KEY)
     np.testing.assert_allclose(seen[TARGET][1:5], [3 / 14, 3 / 7, 1, 1], rtol=1e-6)
     assert seen[FACING].tolist() == [0, 1, 0, 0]
@@ -92,7 +92,7 @@ def test_an_open_passage_and_a_goal_can_be_walked_on():
 
 
 @pytest.mark.parametrize(
-    ("head", "target"),
+    ("subgoal", "target"),
     [
         (s.GT_KEY, [1, 1 / 14, 1 / 7, 1, 1, 0, 0, 1]),
         (s.GT_BOX, [1, 1 / 14, 2 / 7, 1, 1, 0, 0, 1]),
@@ -105,8 +105,8 @@ def test_an_open_passage_and_a_goal_can_be_walked_on():
         (s.PLACE_BLOCKAGE, [0] * 8),
     ],
 )
-def test_target_of_a_subgoal(head, target):
-    np.testing.assert_allclose(observe(parse(BLOCKED), head)[TARGET], target, rtol=1e-6)
+def test_target_of_a_subgoal(subgoal, target):
+    np.testing.assert_allclose(observe(parse(BLOCKED), subgoal)[TARGET], target, rtol=1e-6)
 
 
 def test_tiles_are_targets_of_placing():
@@ -145,12 +145,12 @@ def test_what_is_in_front_and_in_hand(old, new, held, touch):
 
 
 @pytest.mark.parametrize(("agent", "facing"), list(zip(">v<^", range(4), strict=True)))
-def test_facing_and_head_are_one_hot(agent, facing):
+def test_facing_and_subgoal_are_one_hot(agent, facing):
     below = BLOCKED.replace(".k....", "......").replace(".....bL", "..k..bL").replace(">", agent)
-    for i, head in enumerate(s.HEADS):
-        seen = observe(parse(below), head)
+    for i, subgoal in enumerate(s.SUBGOALS):
+        seen = observe(parse(below), subgoal)
         assert seen[FACING].tolist() == np.eye(4)[facing].tolist()
-        assert seen[HEAD].tolist() == np.eye(10)[i].tolist()
+        assert seen[SUBGOAL].tolist() == np.eye(10)[i].tolist()
 
 
 @pytest.mark.parametrize("other", ["b", "g", "y", "Y", "r"])

@@ -124,21 +124,21 @@ def test_symbols_of_a_state(task, row, held, on, atoms, reached, available):
     facts = parse(rooms(row), held, on).facts[0]
     truth = symbols.valuation_table(spec.atoms)[facts]
     assert " ".join(str(a) for a, holds in zip(spec.atoms, truth, strict=True) if holds) == atoms
-    assert _heads(symbols.reached_table(spec.things)[:, facts]) == reached
-    assert _heads(symbols.available_table(spec.things)[:, facts]) == available
+    assert _subgoals(symbols.reached_table(spec.things)[:, facts]) == reached
+    assert _subgoals(symbols.available_table(spec.things)[:, facts]) == available
 
 
-def _heads(truth: np.ndarray) -> str:
-    return " ".join(h.predicate.name for h, holds in zip(symbols.HEADS, truth, strict=True) if holds)
+def _subgoals(truth: np.ndarray) -> str:
+    return " ".join(h.predicate.name for h, holds in zip(symbols.SUBGOALS, truth, strict=True) if holds)
 
 
 def test_every_atom_and_subgoal_of_the_tables_is_seen_both_ways():
     atoms = [set(state[4].split()) for state in STATES]
-    heads = [set(state[5].split()) for state in STATES]
+    subgoals = [set(state[5].split()) for state in STATES]
     for atom in symbols.ATOMS:
         assert {str(atom) in state for state in atoms} == {True, False}, atom
-    for head in symbols.HEADS:
-        assert {head.predicate.name in state for state in heads} == {True, False}, head
+    for subgoal in symbols.SUBGOALS:
+        assert {subgoal.predicate.name in state for state in subgoals} == {True, False}, subgoal
 
 
 @pytest.mark.parametrize(

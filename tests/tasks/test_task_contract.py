@@ -36,8 +36,8 @@ def planned(name: str, count: int) -> tuple[Layouts, list[list[int]]]:
     return layouts, [plan_of(name, lane) for lane in range(count)]
 
 
-def heads_of(env, head: int) -> np.ndarray:
-    return np.full(env.num_envs, head)
+def subgoals_of(env, subgoal: int) -> np.ndarray:
+    return np.full(env.num_envs, subgoal)
 
 
 class AtRandom:
@@ -69,20 +69,20 @@ def test_spaces(name):
     task = suite.load(name)
     env = task.make(5, 0)
     assert (task.name, env.num_envs) == (name, 5)
-    assert set(task.heads) <= set(task.domain_heads)
+    assert set(task.subgoals) <= set(task.domain_subgoals)
     assert len(set(task.vocabulary.atoms)) == len(task.vocabulary.atoms)
     step = env.step(env.actions.sample(np.random.default_rng(0), 5))
-    heads = heads_of(env, 0)
+    subgoals = subgoals_of(env, 0)
     shapes = {
         "reward": (step.reward, np.float32, (5,)),
         "score": (step.score, np.float32, (5,)),
         "terminated": (step.terminated, np.bool_, (5,)),
         "truncated": (step.truncated, np.bool_, (5,)),
         "valuation": (env.valuation(), np.bool_, (5, len(task.vocabulary.atoms))),
-        "observation": (env.observe(heads), np.float32, (5, env.observation_size)),
+        "observation": (env.observe(subgoals), np.float32, (5, env.observation_size)),
         "t": (env.t, np.intp, (5,)),
-        "reached": (env.reached(heads), np.bool_, (5,)),
-        "available": (env.available(heads), np.bool_, (5,)),
+        "reached": (env.reached(subgoals), np.bool_, (5,)),
+        "available": (env.available(subgoals), np.bool_, (5,)),
     }
     for what, (values, dtype, shape) in shapes.items():
         assert (values.dtype, values.shape) == (dtype, shape), what
@@ -93,16 +93,16 @@ def test_one_observation_and_action_space_in_a_domain():
     for name in suite.names():
         task = suite.load(name)
         env = task.make(1, 0)
-        space = (env.observation_size, env.actions, task.domain_heads, task.learner)
+        space = (env.observation_size, env.actions, task.domain_subgoals, task.learner)
         spaces.setdefault(task.domain, set()).add(space)
     assert all(len(found) == 1 for found in spaces.values())
 
 
 @TASKS
 def test_observations_are_finite_and_new_each_time(name):
-    heads = len(suite.load(name).domain_heads)
+    subgoals = len(suite.load(name).domain_subgoals)
     for i, (env, _, _) in enumerate(play(name)):
-        seen = env.observe(np.arange(LANES) % heads)
+        seen = env.observe(np.arange(LANES) % subgoals)
         assert np.isfinite(seen).all()
         if i == 0:
             first, kept = seen, seen.copy()
@@ -122,10 +122,10 @@ def test_encoder_stays_within_the_consistent_scenes(name):
 
 
 @MINIGRID
-def test_every_head_can_be_reached(name):
-    """A head counts once a step turns `available` into `reached`."""
+def test_every_subgoal_can_be_reached(name):
+    """A subgoal counts once a step turns `available` into `reached`."""
     task = suite.load(name)
-    wanted = {task.domain_heads.index(head) for head in task.heads}
+    wanted = {task.domain_subgoals.index(subgoal) for subgoal in task.subgoals}
     layouts, plans = planned(name, LANES)
     env = task.make(LANES, 0)
     env.set_layouts(layouts)
@@ -135,14 +135,18 @@ def test_every_head_can_be_reached(name):
         actions = env.actions.sample(rng, LANES)
         for lane, plan in enumerate(plans):
             actions[lane] = plan[t] if t < len(plan) else actions[lane]
-        before = {head: env.available(heads_of(env, head)) for head in wanted}
+        before = {subgoal: env.available(subgoals_of(env, subgoal)) for subgoal in wanted}
         step = env.step(actions)
-        wanted = {head for head in wanted if not (before[head] & env.reached(heads_of(env, head))).any()}
+        wanted = {
+            subgoal
+            for subgoal in wanted
+            if not (before[subgoal] & env.reached(subgoals_of(env, subgoal))).any()
+        }
         if not wanted:
             return
         if t >= last:
             env.reset(None if t == last else step.terminated | step.truncated)
-    raise AssertionError([str(task.domain_heads[head]) for head in wanted])
+    raise AssertionError([str(task.domain_subgoals[subgoal]) for subgoal in wanted])
 
 
 @TASKS
@@ -157,10 +161,12 @@ def test_time_counts_the_steps_since_the_start(name):
 
 
 @TASKS
-def test_a_head_that_holds_is_not_available(name):
-    heads = range(len(suite.load(name).domain_heads))
+def test_a_subgoal_that_holds_is_not_available(name):
+    subgoals = range(len(suite.load(name).domain_subgoals))
     for env, _, _ in play(name, steps=200):
-        assert not any((env.available(heads_of(env, h)) & env.reached(heads_of(env, h))).any() for h in heads)
+        assert not any(
+            (env.available(subgoals_of(env, h)) & env.reached(subgoals_of(env, h))).any() for h in subgoals
+        )
 
 
 @MINIGRID
@@ -186,12 +192,12 @@ def test_a_finished_lane_rests(name):
     layouts, plans = planned(name, LANES)
     env = suite.load(name).make(LANES, 0)
     env.set_layouts(layouts)
-    heads = np.arange(LANES) % len(suite.load(name).domain_heads)
+    subgoals = np.arange(LANES) % len(suite.load(name).domain_subgoals)
     finished, seen = np.zeros(LANES, dtype=bool), None
     for t in range(max(map(len, plans)) + 5):
         step = env.step(np.array([plan[t] if t < len(plan) else t % 7 for plan in plans]))
         assert not (finished & (step.terminated | step.truncated | (step.reward != 0))).any()
-        now = np.concatenate([env.observe(heads), env.valuation()], axis=1)
+        now = np.concatenate([env.observe(subgoals), env.valuation()], axis=1)
         if seen is not None:
             np.testing.assert_array_equal(now[finished], seen[finished])
         finished |= step.terminated | step.truncated
@@ -231,7 +237,7 @@ def test_equal_seeds_give_equal_trajectories(name):
             env.reset(step.terminated | step.truncated)
             trace += [
                 step.reward.tobytes(),
-                env.observe(heads_of(env, 0)).tobytes(),
+                env.observe(subgoals_of(env, 0)).tobytes(),
                 env.valuation().tobytes(),
             ]
         return b"".join(trace)

@@ -1,4 +1,4 @@
-"""Which novel heads the target tries, and when it stops."""
+"""Which novel subgoals the target tries, and when it stops."""
 
 import numpy as np
 
@@ -15,33 +15,33 @@ def exploration(rules=ALWAYS, novel=NOVEL):
 
 
 def asked(exploring, scene=0):
-    """The heads that all lanes are given in a scene, in new episodes."""
+    """The subgoals that all lanes are given in a scene, in new episodes."""
     for lane in range(LANES):
         exploring.ended(lane)
-    return exploring.heads(np.arange(LANES), np.full(LANES, scene))
+    return exploring.subgoals(np.arange(LANES), np.full(LANES, scene))
 
 
-def tell(exploring, head, reached, scene=0):
+def tell(exploring, subgoal, reached, scene=0):
     for hit in reached:
-        exploring.record(scene, head, hit)
+        exploring.record(scene, subgoal, hit)
 
 
-def test_novel_heads_and_no_others_are_explored_all_alike():
+def test_novel_subgoals_and_no_others_are_explored_all_alike():
     assert np.bincount(asked(exploration()), minlength=4)[[1, 3]].min() >= 70
     assert set(asked(exploration())) == {1, 3}
 
 
-def test_nothing_is_explored_where_a_source_knows_every_head():
+def test_nothing_is_explored_where_a_source_knows_every_subgoal():
     assert set(asked(exploration(novel=np.zeros(4, bool)))) == {-1}
 
 
 def test_once_an_episode():
     exploring = exploration()
     lanes = np.arange(LANES)
-    assert (exploring.heads(lanes, lanes % SCENES) >= 0).all()
-    assert (exploring.heads(lanes, lanes % SCENES) == -1).all()
+    assert (exploring.subgoals(lanes, lanes % SCENES) >= 0).all()
+    assert (exploring.subgoals(lanes, lanes % SCENES) == -1).all()
     exploring.ended(7)
-    assert np.flatnonzero(exploring.heads(lanes, lanes % SCENES) >= 0).tolist() == [7]
+    assert np.flatnonzero(exploring.subgoals(lanes, lanes % SCENES) >= 0).tolist() == [7]
 
 
 def test_in_as_many_decisions_as_the_rate_says():

@@ -43,14 +43,16 @@ def target(seed=0, settings=SMALL):
 
 def sources(*programs, actor=None):
     return [
-        Source(f"policy-{number}", f"Task{number}", TASK.heads, parse_program(text), actor or ByScript(RIGHT))
+        Source(
+            f"policy-{number}", f"Task{number}", TASK.subgoals, parse_program(text), actor or ByScript(RIGHT)
+        )
         for number, text in enumerate(programs, start=1)
     ]
 
 
 def candidates(policy, given, sharpness=1.0):
     bodies = policy.clauses.bodies
-    scenes = [Scene(body, frozenset(TASK.heads)) for body in bodies]
+    scenes = [Scene(body, frozenset(TASK.subgoals)) for body in bodies]
     mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in given})
     return candidates_of(TASK, bodies, given, mapping, sharpness)
 
@@ -58,19 +60,19 @@ def candidates(policy, given, sharpness=1.0):
 def test_every_scene_that_is_a_best_match_is_a_candidate():
     made = candidates(target(), sources(LAMP, WALK))
     assert made.guides.tolist() == [TARGET, 1, 1, 1, 2]
-    # body 1 of 1 and heads 1 of 3: 0.8 + 0.2/3 = 13/15; heads 2 of 3: 14/15; the head alone: 1/15
+    # body 1 of 1 and subgoals 1 of 3: 0.8 + 0.2/3 = 13/15; subgoals 2 of 3: 14/15; the subgoal alone: 1/15
     near = [13 / 15, 13 / 15, 13 / 15, NEVER, 1 / 15]
     far = [14 / 15, NEVER, NEVER, 14 / 15, 13 / 15]
     assert made.similarity == pytest.approx(np.array([near, far]))
-    assert made.heads[1:].argmax(-1).tolist() == [TWO, END, END, END]
+    assert made.subgoals[1:].argmax(-1).tolist() == [TWO, END, END, END]
 
 
 def test_a_candidate_plays_its_scenes_distribution_sharpened():
     soft = candidates(target(), sources(LAMP))
-    assert soft.heads[3] == pytest.approx([0.0, 0.25, 0.75, 0.0])
+    assert soft.subgoals[3] == pytest.approx([0.0, 0.25, 0.75, 0.0])
     sharp = candidates(target(), sources(LAMP), sharpness=2.0)
-    assert sharp.heads[3] == pytest.approx([0.0, 0.1, 0.9, 0.0])
-    assert soft.heads[1:].sum(-1) == pytest.approx(np.ones(3))
+    assert sharp.subgoals[3] == pytest.approx([0.0, 0.1, 0.9, 0.0])
+    assert soft.subgoals[1:].sum(-1) == pytest.approx(np.ones(3))
     entropy = -0.75 * math.log(0.75) - 0.25 * math.log(0.25)  # of the program, sharpened or not
     for made in (soft, sharp):
         assert made.entropy == pytest.approx([0.0, 0.0, 0.0, entropy])
@@ -82,9 +84,9 @@ def test_a_source_without_clauses_is_no_candidate():
     assert candidates(target(), sources("")).guides.tolist() == [TARGET]
 
 
-def test_heads_that_the_target_lacks_can_be_led_to():
+def test_subgoals_that_the_target_lacks_can_be_led_to():
     made = candidates(target(), sources("1.0 :: gt_other() :- far()"))
-    assert made.heads[1].tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert made.subgoals[1].tolist() == [1.0, 0.0, 0.0, 0.0]
     assert made.similarity[FAR_SCENE, 1] == pytest.approx(0.8)
 
 
@@ -110,22 +112,22 @@ def learning(policy, given, selector, seed, frames):
 
 
 def decide(selector, scene, lane=0):
-    guides, heads = selector.select(np.array([lane]), np.array([scene * PROGRESS]))
-    return int(guides[0]), int(heads[0])
+    guides, subgoals = selector.select(np.array([lane]), np.array([scene * PROGRESS]))
+    return int(guides[0]), int(subgoals[0])
 
 
-def tell(selector, scene, head, reward, following=None, reached=False, lane=0):
+def tell(selector, scene, subgoal, reward, following=None, reached=False, lane=0):
     """What came of the lane's decision; the episode is over if nothing follows."""
-    selector.on_decision_end(outcome(scene * PROGRESS, head, reward, following, reached, lane))
+    selector.on_decision_end(outcome(scene * PROGRESS, subgoal, reward, following, reached, lane))
 
 
 def play(selector, steps, lane=0):
     """An episode of (scene, reward) decisions; gives the guides that led."""
     led = []
     for number, (scene, reward) in enumerate(steps):
-        guide, head = decide(selector, scene, lane)
+        guide, subgoal = decide(selector, scene, lane)
         following = steps[number + 1][0] if number + 1 < len(steps) else None
-        tell(selector, scene, head, reward, following, lane=lane)
+        tell(selector, scene, subgoal, reward, following, lane=lane)
         led.append(guide)
     return led
 
@@ -151,14 +153,14 @@ def test_paper_records_the_discounted_return_of_every_decision():
 def test_paper_keeps_lanes_apart_and_counts_finished_episodes_only():
     policy = target(settings=HybridSettings(clauses=ClauseSettings(discount=0.5)))
     selector = one_of_each("paper", policy, sources("1.0 :: gt_end() :- far()"), num_envs=2)
-    _, head = decide(selector, FAR_SCENE, lane=0)
+    _, subgoal = decide(selector, FAR_SCENE, lane=0)
     decide(selector, FAR_SCENE, lane=1)
-    tell(selector, FAR_SCENE, head, 0.3, following=FAR_SCENE, lane=0)
+    tell(selector, FAR_SCENE, subgoal, 0.3, following=FAR_SCENE, lane=0)
     assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == 1.0
-    tell(selector, FAR_SCENE, head, 0.5, lane=1)
+    tell(selector, FAR_SCENE, subgoal, 0.5, lane=1)
     assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == pytest.approx(0.5)
     assert decide(selector, FAR_SCENE, lane=0)[0] == TARGET
-    tell(selector, FAR_SCENE, head, 0.1, lane=0)
+    tell(selector, FAR_SCENE, subgoal, 0.1, lane=0)
     # the target: 0.1; the source: the mean of 0.5 and 0.3 + 0.5·0.1
     assert selector.weigh().performance[FAR_SCENE * PROGRESS] == pytest.approx([0.1, 0.425])
 
@@ -191,8 +193,8 @@ def test_negative_returns_show_unless_they_are_clipped():
 def test_a_decision_that_the_horizon_cut_off_costs_nothing_and_counts_as_no_miss():
     for mode in ("paper", "default"):
         selector = one_of_each(mode, target(), sources(WALK), readings=PaperSettings(failure_cost=0.1))
-        _, head = decide(selector, FAR_SCENE)
-        ended = dict(lanes=0, scene_states=FAR_SCENE * PROGRESS, heads=head, guides=1, steps=3)
+        _, subgoal = decide(selector, FAR_SCENE)
+        ended = dict(lanes=0, scene_states=FAR_SCENE * PROGRESS, subgoals=subgoal, guides=1, steps=3)
         ended |= dict(rewards=0.0, reached=False, cut=True, terminated=False, truncated=True)
         columns = {name: np.array([value]) for name, value in ended.items()}
         selector.on_decision_end(Outcome(**columns, next_scene_states=np.array([FAR_SCENE * PROGRESS])))
@@ -209,12 +211,12 @@ def test_a_soft_source_plays_some_of_every_subgoal_of_its_task():
     given = sources("1.0 :: gt_end() :- far()")
     bodies = target().clauses.bodies
     mapping = map_scenes(
-        [Scene(body, frozenset(TASK.heads)) for body in bodies],
+        [Scene(body, frozenset(TASK.subgoals)) for body in bodies],
         {"policy-1": scenes_of(given[0].program.clauses)},
     )
     made = candidates_of(TASK, bodies, given, mapping, 3.0, softness=0.3)
     # three subgoals of the task, the domain's first not among them
-    assert made.heads[1] == pytest.approx([0.0, 0.1, 0.8, 0.1])
+    assert made.subgoals[1] == pytest.approx([0.0, 0.1, 0.8, 0.1])
     assert made.entropy[1] == pytest.approx(-0.8 * math.log(0.8) - 0.2 * math.log(0.1))
 
 
@@ -243,9 +245,9 @@ def last_guides(selector, worth, scene=FAR_SCENE, episodes=150, last=50):
     """Who led the last of many one-decision episodes, in which guide g earns worth[g]."""
     led = []
     for _ in range(episodes):
-        guide, head = decide(selector, scene)
+        guide, subgoal = decide(selector, scene)
         earned = worth.get(guide, 0.0)
-        tell(selector, scene, head, earned, reached=earned > 0)
+        tell(selector, scene, subgoal, earned, reached=earned > 0)
         led.append(guide)
     return led[0], np.bincount(led[-last:], minlength=3) / last
 
@@ -286,8 +288,8 @@ def test_a_guide_that_was_in_vain_is_not_asked_again_in_this_episode():
     first_again = 0
     for seed in range(40):
         selector = one_of_each("default", target(), sources(WALK, "1.0 :: gt_two() :- far()"), seed=seed)
-        guide, head = decide(selector, FAR_SCENE)
-        tell(selector, FAR_SCENE, head, 0.0, following=FAR_SCENE)
+        guide, subgoal = decide(selector, FAR_SCENE)
+        tell(selector, FAR_SCENE, subgoal, 0.0, following=FAR_SCENE)
         first_again += decide(selector, FAR_SCENE)[0] == guide
     assert first_again <= 4
 
@@ -297,10 +299,10 @@ def test_even_the_best_source_is_not_asked_twice_in_vain():
     last_guides(selector, {1: 0.9, 2: 0.75})
     led = []
     for _ in range(10):
-        first, head = decide(selector, FAR_SCENE)
-        tell(selector, FAR_SCENE, head, 0.0, following=FAR_SCENE)
-        second, head = decide(selector, FAR_SCENE)
-        tell(selector, FAR_SCENE, head, 0.9, reached=True)
+        first, subgoal = decide(selector, FAR_SCENE)
+        tell(selector, FAR_SCENE, subgoal, 0.0, following=FAR_SCENE)
+        second, subgoal = decide(selector, FAR_SCENE)
+        tell(selector, FAR_SCENE, subgoal, 0.9, reached=True)
         led.append((first, second))
     assert sum(first == 1 for first, _ in led) >= 7
     assert (1, 1) not in led
@@ -312,11 +314,11 @@ def test_the_next_episode_forgives():
     last_guides(selector, {1: 0.9}, episodes=30)
     asked = 0
     for _ in range(10):
-        guide, head = decide(selector, FAR_SCENE)
+        guide, subgoal = decide(selector, FAR_SCENE)
         asked += guide == 1
-        tell(selector, FAR_SCENE, head, 0.0, following=FAR_SCENE)
-        _, head = decide(selector, FAR_SCENE)
-        tell(selector, FAR_SCENE, head, 0.9, reached=True)
+        tell(selector, FAR_SCENE, subgoal, 0.0, following=FAR_SCENE)
+        _, subgoal = decide(selector, FAR_SCENE)
+        tell(selector, FAR_SCENE, subgoal, 0.9, reached=True)
     assert asked >= 8
 
 
@@ -329,7 +331,7 @@ def test_two_sources_that_undo_each_other_are_seen_through():
     for _ in range(80):
         scene, count, score = NEAR_SCENE, 0, 0.0
         while score == 0.0 and count < 12:
-            guide, head = decide(selector, scene)
+            guide, subgoal = decide(selector, scene)
             count += 1
             following = scene
             if guide == 1 and scene == FAR_SCENE:
@@ -339,7 +341,7 @@ def test_two_sources_that_undo_each_other_are_seen_through():
             elif guide == 2:
                 following = NEAR_SCENE
             over = score > 0 or count == 12
-            tell(selector, scene, head, score, None if over else following, reached=guide > 0)
+            tell(selector, scene, subgoal, score, None if over else following, reached=guide > 0)
             scene = following
         decisions.append(count)
     assert np.mean(decisions[-40:]) <= 3.5
@@ -347,7 +349,7 @@ def test_two_sources_that_undo_each_other_are_seen_through():
 
 def test_the_most_similar_source_is_that_of_the_largest_similarity_over_all_scenes():
     policy, given = target(), sources("1.0 :: gt_end() :- far()", LAMP, WALK)
-    scenes = [Scene(body, frozenset(TASK.heads)) for body in policy.clauses.bodies]
+    scenes = [Scene(body, frozenset(TASK.subgoals)) for body in policy.clauses.bodies]
     mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in given})
     # 1/15 + 13/15 for WALK, 13/15 + 14/15 for LAMP
     assert most_similar(given, mapping).policy == "policy-2"
@@ -372,14 +374,14 @@ def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():
 @pytest.mark.parametrize("mode", ["paper", "default"])
 def test_the_record_of_what_was_decided(mode):
     selector = one_of_each(mode, target(), sources(WALK), num_envs=2)
-    guides, heads = selector.select(np.array([0, 1]), np.array([FAR_SCENE, NEAR_SCENE]) * PROGRESS)
-    tell(selector, FAR_SCENE, heads[0], 0.1, following=NEAR_SCENE, reached=True, lane=0)
-    tell(selector, NEAR_SCENE, heads[1], 0.0, lane=1)
-    guide, head = decide(selector, NEAR_SCENE, lane=0)
-    tell(selector, NEAR_SCENE, head, 0.0, lane=0)
+    guides, subgoals = selector.select(np.array([0, 1]), np.array([FAR_SCENE, NEAR_SCENE]) * PROGRESS)
+    tell(selector, FAR_SCENE, subgoals[0], 0.1, following=NEAR_SCENE, reached=True, lane=0)
+    tell(selector, NEAR_SCENE, subgoals[1], 0.0, lane=1)
+    guide, subgoal = decide(selector, NEAR_SCENE, lane=0)
+    tell(selector, NEAR_SCENE, subgoal, 0.0, lane=0)
     short, long = selector.traces
-    assert [(d.scene_state // PROGRESS, d.head, d.reached, d.steps) for d in short] == [
-        (NEAR_SCENE, heads[1], False, 3)
+    assert [(d.scene_state // PROGRESS, d.subgoal, d.reached, d.steps) for d in short] == [
+        (NEAR_SCENE, subgoals[1], False, 3)
     ]
     assert [(d.scene_state // PROGRESS, d.reached) for d in long] == [(FAR_SCENE, True), (NEAR_SCENE, False)]
     assert [selector.candidates.guides[d.candidate] for d in long] == [guides[0], guide]

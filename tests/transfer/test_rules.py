@@ -19,7 +19,7 @@ from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, RIGHT, TASK, TWO, ByScrip
 
 WALK = "1.0 :: gt_end() :- far()"
 MATCHED = "0.8 :: gt_end() :- far()\n0.2 :: gt_two() :- far()"  # ψ 14/15 in the far scene; WALK's is 13/15
-EVERY_HEAD = "0.4 :: gt_end() :- far()\n0.3 :: gt_two() :- far()\n0.3 :: gt_moon() :- far()"
+EVERY_SUBGOAL = "0.4 :: gt_end() :- far()\n0.3 :: gt_two() :- far()\n0.3 :: gt_moon() :- far()"
 MERIT = GuidanceSettings(forced_trial_rate=0.0, novel_subgoal_rate=0.0)
 """Nothing is tried; Λ alone decides."""
 
@@ -38,11 +38,11 @@ def made(kind, programs):
     with torch.no_grad():
         policy.clauses.weights.zero_()
     sources = [
-        Source(f"policy-{number}", "Task", TASK.heads, parse_program(text), ByScript(RIGHT))
+        Source(f"policy-{number}", "Task", TASK.subgoals, parse_program(text), ByScript(RIGHT))
         for number, text in enumerate(programs, start=1)
     ]
     bodies = policy.clauses.bodies
-    scenes = [Scene(body, frozenset(TASK.heads)) for body in bodies]
+    scenes = [Scene(body, frozenset(TASK.subgoals)) for body in bodies]
     mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in sources})
     candidates = candidates_of(TASK, bodies, sources, mapping, 1.0)
     selector = kind(policy, candidates, 1, np.random.default_rng(0))
@@ -59,7 +59,7 @@ def decide(selector, scene=FAR_SCENE):
 def tell(selector, reward=0.0, following=None, reached=False):
     """What came of that decision; the episode is over if nothing follows."""
     present = selector._present[0]
-    selector.on_decision_end(outcome(present.scene_state, present.head, reward, following, reached))
+    selector.on_decision_end(outcome(present.scene_state, present.subgoal, reward, following, reached))
 
 
 def play(selector, count, worth=(0.0, 0.0, 0.0)):
@@ -76,7 +76,7 @@ def play(selector, count, worth=(0.0, 0.0, 0.0)):
 
 
 def test_the_best_matched_source_leads_by_its_weight():
-    assert decide(planned(WALK, EVERY_HEAD)) == (2, "largest")
+    assert decide(planned(WALK, EVERY_SUBGOAL)) == (2, "largest")
 
 
 def test_a_target_that_is_measured_leads_by_its_weight():
@@ -100,7 +100,7 @@ def test_sources_that_match_alike_tie_and_a_random_one_leads(kind):
 
 
 def test_a_source_that_ties_with_the_target_goes_first():
-    selector = paper(EVERY_HEAD)
+    selector = paper(EVERY_SUBGOAL)
     assert {decide(selector) for _ in range(40)} == {(1, "tie")}
     weights = selector._present[0].weights
     assert weights[TARGET] == weights[1]
@@ -194,13 +194,13 @@ def test_a_target_that_leads_anyway_is_not_on_trial():
 def test_a_subgoal_that_no_source_knows_is_explored_once_in_an_episode():
     selector = planned(MATCHED, settings=replace(MERIT, novel_subgoal_rate=1.0))
     assert decide(selector) == (TARGET, "novel")
-    assert selector._present[0].head == MOON
+    assert selector._present[0].subgoal == MOON
     tell(selector, 0.1, following=FAR_SCENE, reached=True)
     assert decide(selector) == (1, "largest")
 
 
 def test_nothing_is_novel_where_the_sources_know_every_subgoal():
-    selector = planned(EVERY_HEAD, settings=replace(MERIT, novel_subgoal_rate=1.0))
+    selector = planned(EVERY_SUBGOAL, settings=replace(MERIT, novel_subgoal_rate=1.0))
     assert "novel" not in {rule for _, rule in play(selector, 40)}
 
 
@@ -230,7 +230,7 @@ def test_to_weigh_changes_nothing(kind):
     for _ in range(30):
         for scene, following in ((NEAR_SCENE, FAR_SCENE), (FAR_SCENE, None)):
             decide(selector, scene)
-            tell(selector, 0.4, following, reached=selector._present[0].head in (TWO, END))
+            tell(selector, 0.4, following, reached=selector._present[0].subgoal in (TWO, END))
         first, second, third = (selector.weigh() for _ in range(3))
         for table, again, oncemore in zip(first, second, third, strict=True):
             assert np.array_equal(table, again)

@@ -150,7 +150,7 @@ def similarity_document(
     from paddlectl.transfer.similarity import map_scenes
 
     vocabulary = target.vocabulary
-    scenes = scenes_of(all_clauses(vocabulary.atoms, vocabulary.exclusions, target.heads))
+    scenes = scenes_of(all_clauses(vocabulary.atoms, vocabulary.exclusions, target.subgoals))
     programs = {policy.id: scenes_of(stored_program(policy).clauses) for policy in sources}
     mapping = map_scenes(scenes, programs, body_weight, head_weight)
     solved = {policy.id: policy.task for policy in sources}

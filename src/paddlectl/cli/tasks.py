@@ -22,7 +22,7 @@ def tasks(as_json: AsJson = False) -> None:
             "name": task.name,
             "domain": task.domain,
             "horizon": task.horizon,
-            "heads": [str(head) for head in task.heads],
+            "heads": [str(subgoal) for subgoal in task.subgoals],
             "vocabulary": [str(atom) for atom in task.vocabulary.atoms],
             "summary": task.summary,
             "presets": list(task.presets),

@@ -62,9 +62,9 @@ def keep(registry: Registry, run: RunRecord, policy: Policy, log: RunLog) -> Pol
 def _symbols(task: Task) -> dict[str, list[str]]:
     """What the rows and columns of a policy's tensors stand for."""
     return {
-        "heads": [str(head) for head in task.heads],
+        "heads": [str(subgoal) for subgoal in task.subgoals],
         "atoms": [str(atom) for atom in task.vocabulary.atoms],
-        "domain_heads": [str(head) for head in task.domain_heads],
+        "domain_heads": [str(subgoal) for subgoal in task.domain_subgoals],
     }
 
 

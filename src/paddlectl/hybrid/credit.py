@@ -1,4 +1,4 @@
-"""Q of Eq. 1: what a head was worth in its scene, from a model of the decisions or by Monte-Carlo returns."""
+"""Q of Eq. 1: what a subgoal was worth in its scene, from a model or by Monte-Carlo returns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ class CreditSettings:
     Attributes:
         planned: By `SemiMarkovModel`; otherwise by Monte-Carlo returns, as the paper has it.
         memory: Latest decisions that a cell of the model weighs.
-        prior: Decisions' worth of belief that a head is worth as much as its scene.
+        prior: Decisions' worth of belief that a subgoal is worth as much as its scene.
         sweeps: Of policy evaluation before each update.
         steps: Gradient steps on the model's advantages after a rollout.
-        imitation_margin: A guide's head is imitated if it is worth at most so much less than the best. Where
-            one place lies on the way to another, both are worth about the same, be they reached or not.
+        imitation_margin: A guide's subgoal is imitated if it is worth at most so much less than the best.
+            Where one place lies on the way to another, both are worth about the same, be they reached or not.
         batch: Episodes to a Monte-Carlo update.
     """
 
@@ -48,23 +48,23 @@ class CreditSettings:
 
 
 class ModelBasedCredit:
-    """Eq. 1 with the advantages of a model's returns, for all heads at once.
+    """Eq. 1 with the advantages of a model's returns, for all subgoals at once.
 
     Decisions count as soon as they end, whoever made them. A guided one that reached its subgoal is
-    imitated too, weighted by its return: a crisp guide always takes the same head, so there is no other
-    to have an advantage over. But only as long as the model knows no head there that is better by more than a
-    margin: a guide may well reach a subgoal that leads nowhere.
+    imitated too, weighted by its return: a crisp guide always takes the same subgoal, so there is no other
+    to have an advantage over. But only as long as the model knows no subgoal there that is better by more
+    than a margin: a guide may well reach a subgoal that leads nowhere.
 
     Args:
         clauses: The weights that learn.
-        head_of: Index among the clauses' heads of each of the domain's; -1 for none. [domain's H]
+        subgoal_of: Index among the clauses' heads of each of the domain's; -1 for none. [domain's H]
         settings: The numbers.
     """
 
-    def __init__(self, clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> None:
+    def __init__(self, clauses: ClauseLearner, subgoal_of: Ints, settings: CreditSettings) -> None:
         scene_states = len(clauses.bodies) * PROGRESS
         self._clauses = clauses
-        self._head_of = head_of
+        self._subgoal_of = subgoal_of
         self._settings = settings
         self._model = SemiMarkovModel(scene_states, len(clauses.heads), settings.memory)
         self._values = np.zeros(scene_states)
@@ -72,12 +72,12 @@ class ModelBasedCredit:
         self._guided = np.zeros((scene_states, len(clauses.heads)))
 
     def on_decision_end(self, outcome: Outcome) -> None:
-        """Counts the decisions for the heads that the clauses know."""
+        """Counts the decisions for the subgoals that are heads of clauses."""
         discounts = self._clauses.settings.discounts(outcome.steps)
         taught = (outcome.guides != TARGET) & outcome.reached
-        for scene_state, head, guided, discount, reward, terminated, following in zip(
+        for scene_state, subgoal, guided, discount, reward, terminated, following in zip(
             outcome.scene_states,
-            self._head_of[outcome.heads],
+            self._subgoal_of[outcome.subgoals],
             taught,
             discounts,
             outcome.rewards,
@@ -85,10 +85,10 @@ class ModelBasedCredit:
             outcome.next_scene_states,
             strict=True,
         ):
-            if head >= 0:
+            if subgoal >= 0:
                 self._visits[scene_state] += 1
-                self._guided[scene_state, head] += guided
-                self._model.record(scene_state, head, reward, None if terminated else following, discount)
+                self._guided[scene_state, subgoal] += guided
+                self._model.record(scene_state, subgoal, reward, None if terminated else following, discount)
 
     def update(self) -> None:
         """Evaluates the present program in the model, then makes an expected update by its advantages."""
@@ -120,7 +120,7 @@ class Decisions(NamedTuple):
     """The high-level samples (B, H, R_extr) of one episode, in order. Each field is [N]."""
 
     scenes: Ints
-    heads: Ints
+    subgoals: Ints
     returns: Floats
     imitate: Bools
 
@@ -131,9 +131,9 @@ class MonteCarloCredit:
     An episode's return is what it earned within the horizon; without a table there is no value to go on from.
     """
 
-    def __init__(self, clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> None:
+    def __init__(self, clauses: ClauseLearner, subgoal_of: Ints, settings: CreditSettings) -> None:
         self._clauses = clauses
-        self._head_of = head_of
+        self._subgoal_of = subgoal_of
         self._batch = settings.batch
         self._going_on: dict[int, list[tuple[int, int, float, bool]]] = {}
         self._ended: list[Decisions] = []
@@ -144,26 +144,28 @@ class MonteCarloCredit:
         columns = (
             outcome.lanes,
             outcome.scene_states // PROGRESS,
-            outcome.heads,
+            outcome.subgoals,
             outcome.rewards,
             imitate,
             outcome.done,
         )
-        for lane, scene, head, reward, imitated, done in zip(*(c.tolist() for c in columns), strict=True):
-            self._going_on.setdefault(lane, []).append((scene, head, reward, imitated))
+        for lane, scene, subgoal, reward, imitated, done in zip(*(c.tolist() for c in columns), strict=True):
+            self._going_on.setdefault(lane, []).append((scene, subgoal, reward, imitated))
             if done:
-                scenes, heads, rewards, imitations = zip(*self._going_on.pop(lane), strict=True)
+                scenes, subgoals, rewards, imitations = zip(*self._going_on.pop(lane), strict=True)
                 returns = discounted_returns(rewards, self._clauses.settings.discount)
-                made = Decisions(np.array(scenes), np.array(heads), returns, np.array(imitations))
+                made = Decisions(np.array(scenes), np.array(subgoals), returns, np.array(imitations))
                 self._ended.append(made)
 
     def update(self) -> None:
         """Scores the decisions under the learner's own weights."""
         for start in range(0, len(self._ended), self._batch):
             columns = zip(*self._ended[start : start + self._batch], strict=True)
-            scenes, heads, returns, imitate = (np.concatenate(column) for column in columns)
-            known = self._head_of[heads] >= 0
-            self._clauses.update(scenes[known], self._head_of[heads[known]], returns[known], imitate[known])
+            scenes, subgoals, returns, imitate = (np.concatenate(column) for column in columns)
+            known = self._subgoal_of[subgoals] >= 0
+            self._clauses.update(
+                scenes[known], self._subgoal_of[subgoals[known]], returns[known], imitate[known]
+            )
         self._ended = []
 
 
@@ -177,7 +179,7 @@ def discounted_returns(rewards: Sequence[float], discount: float) -> Floats:
     return returns
 
 
-def credit(clauses: ClauseLearner, head_of: Ints, settings: CreditSettings) -> Credit:
+def credit(clauses: ClauseLearner, subgoal_of: Ints, settings: CreditSettings) -> Credit:
     """The credit that the settings ask for."""
     kind = ModelBasedCredit if settings.planned else MonteCarloCredit
-    return kind(clauses, head_of, settings)
+    return kind(clauses, subgoal_of, settings)

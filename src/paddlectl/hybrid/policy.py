@@ -37,7 +37,7 @@ class HybridSettings:
         rollout_steps: Steps of every environment between two updates. Twice as many updates of half the
             samples cost the same and learn faster.
         action_repeat: Steps of the task that one action of the low level lasts.
-        sharpness: Power of the head probabilities when a learned program is played.
+        sharpness: Power of the subgoal probabilities when a learned program is played.
     """
 
     frames: int = FRAMES
@@ -92,7 +92,7 @@ class HybridPolicy:
         self.clauses = ClauseLearner(
             vocabulary.atoms,
             scenes(vocabulary.atoms, vocabulary.exclusions),
-            task.heads,
+            task.subgoals,
             seed,
             settings.clauses,
         )
@@ -106,9 +106,9 @@ class HybridPolicy:
         probabilities = self.clauses.probabilities()
         rows = range(len(self.clauses.bodies)) if visited is None else visited
         kept = [
-            (Clause(head, self.clauses.bodies[row]), round(float(p), 6))
+            (Clause(subgoal, self.clauses.bodies[row]), round(float(p), 6))
             for row in rows
-            for head, p in zip(self.clauses.heads, probabilities[row], strict=True)
+            for subgoal, p in zip(self.clauses.heads, probabilities[row], strict=True)
             if p >= threshold
         ]
         return Program(tuple(clause for clause, _ in kept), tuple(p for _, p in kept))
@@ -150,7 +150,7 @@ class HybridPolicy:
 
     def credit(self) -> Credit:
         """A new credit of decisions for its clause weights to learn from."""
-        return credit(self.clauses, task_heads(self.task), self.settings.credit)
+        return credit(self.clauses, task_subgoals(self.task), self.settings.credit)
 
     def settings_document(self) -> dict[str, Any]:
         """Its settings as JSON-able values."""
@@ -183,13 +183,13 @@ class _Reading:
 
 
 class ProgramSelector:
-    """The selector of a policy that acts alone: samples heads from its clause weights."""
+    """The selector of a policy that acts alone: samples subgoals from its clause weights."""
 
     def __init__(self, policy: HybridPolicy, rng: np.random.Generator, sharpness: float = 1.0) -> None:
         self._policy = policy
         self._rng = rng
         self._sharpness = sharpness
-        self._domain_head = domain_heads(policy.task)
+        self._domain_subgoal = domain_subgoals(policy.task)
         self.refresh()
 
     def refresh(self) -> None:
@@ -197,19 +197,19 @@ class ProgramSelector:
         self._probabilities = sharpened(self._policy.clauses.probabilities(), self._sharpness)
 
     def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
-        """Its own guide, and a head sampled in each scene. [n], [n]"""
-        heads = sample_rows(self._probabilities[scene_states // PROGRESS], self._rng)
-        return np.full(len(lanes), TARGET), self._domain_head[heads]
+        """Its own guide, and a subgoal sampled in each scene. [n], [n]"""
+        subgoals = sample_rows(self._probabilities[scene_states // PROGRESS], self._rng)
+        return np.full(len(lanes), TARGET), self._domain_subgoal[subgoals]
 
 
-def domain_heads(task: Task) -> Ints:
-    """Index among the domain's heads of each of the task's. [H]"""
-    return np.array([task.domain_heads.index(head) for head in task.heads])
+def domain_subgoals(task: Task) -> Ints:
+    """Index among the domain's subgoals of each of the task's. [H]"""
+    return np.array([task.domain_subgoals.index(subgoal) for subgoal in task.subgoals])
 
 
-def task_heads(task: Task) -> Ints:
-    """Index among the task's heads of each of the domain's; -1 for one that it hasn't. [domain's H]"""
-    return np.array([task.heads.index(h) if h in task.heads else -1 for h in task.domain_heads])
+def task_subgoals(task: Task) -> Ints:
+    """Index among the task's subgoals of each of the domain's; -1 for one that it hasn't. [domain's H]"""
+    return np.array([task.subgoals.index(h) if h in task.subgoals else -1 for h in task.domain_subgoals])
 
 
 def sharpened(probabilities: Floats, power: float) -> Floats:

@@ -1,6 +1,6 @@
 """Hybrid decisions in B environments: a selector picks subgoals, actors reach them.
 
-A decision picks a head for the present scene. It ends when the subgoal is reached, when the scene
+A decision picks a subgoal for the present scene. It ends when the subgoal is reached, when the scene
 changes in any other way, after `max_steps` steps, or with the episode (method, section 4). A
 subgoal that has nothing to act on, or holds already, is given up after one step.
 """
@@ -61,7 +61,7 @@ class Outcome(NamedTuple):
 
     lanes: Ints
     scene_states: Ints
-    heads: Ints
+    subgoals: Ints
     guides: Ints
     steps: Ints
     rewards: Floats
@@ -84,7 +84,7 @@ class SubgoalSelector(Protocol):
         """Reads the learning policy's clause weights anew; called before each block."""
 
     def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
-        """The guide and the head, as an index into the domain's heads, for each lane. [n], [n]"""
+        """The guide and the subgoal, as an index into the domain's subgoals, for each lane. [n], [n]"""
 
 
 class DecisionListener(Protocol):
@@ -106,7 +106,7 @@ class Rollout:
     Args:
         num_envs: B.
         reader: Names the scenes.
-        selector: Picks guide and head.
+        selector: Picks guide and subgoal.
         actors: The low level of each guide; the learning policy's first.
         settings: When a decision ends.
         buffer: Where the low level's samples go, step after step; then from the start again.
@@ -133,7 +133,7 @@ class Rollout:
         self._rng = rng
         self._listeners = listeners
         self._t = 0
-        self._head = np.zeros(num_envs, np.intp)
+        self._subgoal = np.zeros(num_envs, np.intp)
         self._guide = np.zeros(num_envs, np.intp)
         self._since = np.zeros(num_envs, np.intp)
         self._steps = np.zeros(num_envs, np.intp)
@@ -151,12 +151,12 @@ class Rollout:
         if self._restarted:
             self._scene = self._reader.scenes(environment.valuation())
         self._decide(environment)
-        observations = environment.observe(self._head)
+        observations = environment.observe(self._subgoal)
         buffer, t = self.buffer, self._t
         buffer.observations[t] = observations
         buffer.guides[t] = self._guide
         self._act(observations, buffer.actions[t], buffer.log_probs[t])
-        return environment.in_world(self._head, buffer.actions[t])
+        return environment.in_world(self._subgoal, buffer.actions[t])
 
     def observe(self, environment: Environment, step: Step) -> None:
         """Ends the decisions that are over, and pays the low level for them."""
@@ -164,7 +164,7 @@ class Rollout:
         self._steps = environment.t - self._since
         self._reward += step.reward / np.float32(settings.reward_unit)
         scene = self._reader.scenes(environment.valuation())
-        reached = environment.reached(self._head) & (self._limit > 1)
+        reached = environment.reached(self._subgoal) & (self._limit > 1)
         over = step.terminated | reached | (scene != self._scene) | (self._steps >= self._limit)
         cut = step.truncated & ~over
         ends = over | cut
@@ -176,7 +176,7 @@ class Rollout:
         buffer.terminated[t] = step.terminated
         buffer.truncated[t] = step.truncated
         if ends.any():
-            buffer.final_observations[t] = environment.observe(self._head)
+            buffer.final_observations[t] = environment.observe(self._subgoal)
         self._record(np.flatnonzero(ends), reached, cut, step, scene)
         self._pending = ends
         self._scene = scene
@@ -185,7 +185,7 @@ class Rollout:
 
     def close(self, environment: Environment) -> RolloutBuffer:
         """The buffer, full, with what the decisions that go on see now."""
-        self.buffer.last_observations[:] = environment.observe(self._head)
+        self.buffer.last_observations[:] = environment.observe(self._subgoal)
         return self.buffer
 
     def scenes(self, lane: int) -> tuple[int, ...]:
@@ -196,12 +196,12 @@ class Rollout:
         lanes = np.flatnonzero(self._pending)
         if not len(lanes):
             return
-        self._guide[lanes], self._head[lanes] = self._selector.select(
+        self._guide[lanes], self._subgoal[lanes] = self._selector.select(
             lanes, self._scene[lanes] * PROGRESS + self._progress[lanes]
         )
         most = self._settings.max_steps
         patience = np.where(self._guide == TARGET, most, int(self._settings.patience * most))
-        limit = np.where(environment.available(self._head), patience, 1)
+        limit = np.where(environment.available(self._subgoal), patience, 1)
         self._limit = np.where(self._pending, limit, self._limit)
         self._since[lanes] = environment.t[lanes]
         self._reward[lanes] = 0.0
@@ -224,7 +224,7 @@ class Rollout:
         outcome = Outcome(
             lanes,
             scenes * PROGRESS + progress,
-            self._head[lanes],
+            self._subgoal[lanes],
             self._guide[lanes],
             self._steps[lanes],
             rewards,

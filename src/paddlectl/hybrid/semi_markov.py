@@ -9,7 +9,7 @@ Table = NDArray[np.float64]
 class SemiMarkovModel:
     """The high level as a semi-Markov decision process (Sutton et al., 1999), counted while it is played.
 
-    In a scene state an option (a head, or a guide) is taken; what its decisions earned and where they led
+    In a scene state an option (a subgoal, or a guide) is taken; what its decisions earned and where they led
     is counted, and returns follow by dynamic programming over the counts. A mean over whole episodes
     blames a good first move for what came later, hardly notices two moves that undo each other, and
     waits for episodes to end; the model has none of these faults.

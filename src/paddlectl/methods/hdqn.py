@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from paddlectl.agents.base import Episode, ReuseRow, Tables
 from paddlectl.agents.settings import changed, restored
-from paddlectl.hybrid.policy import domain_heads, settings_for, task_heads
+from paddlectl.hybrid.policy import domain_subgoals, settings_for, task_subgoals
 from paddlectl.hybrid.rollout import DecisionSettings, Outcome, Rollout
 from paddlectl.learners.base import Learner, LearnerSettings
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
@@ -73,7 +73,7 @@ class HDQNPolicy:
         self.task = task
         self.settings = settings
         self.action_repeat = settings.action_repeat
-        self.meta = DQN(environment.flat_size, len(task.heads), seed, settings.meta)
+        self.meta = DQN(environment.flat_size, len(task.subgoals), seed, settings.meta)
         self.low_level: Learner = settings.low_level.learner(
             environment.observation_size, environment.actions.size, seed
         )
@@ -97,7 +97,7 @@ class HDQNPolicy:
     ) -> Rollout:
         """The decisions of so many environments; a decision also ends when a fact changes, as in `hdm`."""
         atoms = task.vocabulary.atoms
-        reader = ClauseLearner(atoms, scenes(atoms, task.vocabulary.exclusions), task.heads, 0)
+        reader = ClauseLearner(atoms, scenes(atoms, task.vocabulary.exclusions), task.subgoals, 0)
         buffer = RolloutBuffer.empty(steps, environments, *self._sizes)
         listeners = [selector] if selector.learns else []
         return Rollout(
@@ -143,8 +143,8 @@ class MetaController:
         self._policy = policy
         self._rng = rng
         self._began: list[Floats | None] = [None] * num_envs
-        self._domain_head = domain_heads(policy.task)
-        self._own_head = task_heads(policy.task)
+        self._domain_subgoal = domain_subgoals(policy.task)
+        self._own_subgoal = task_subgoals(policy.task)
 
     def refresh(self) -> None:
         """Nothing: Q is read anew at each choice."""
@@ -156,7 +156,7 @@ class MetaController:
             self._began[lane] = state
         meta = self._policy.meta
         chosen = meta.act(states, self._rng) if self.learns else meta.values(states).argmax(-1)
-        return np.full(len(lanes), TARGET), self._domain_head[chosen]
+        return np.full(len(lanes), TARGET), self._domain_subgoal[chosen]
 
     def on_decision_end(self, outcome: Outcome) -> None:
         """Learns from the decisions that ended; `state` is what they led to."""
@@ -165,7 +165,7 @@ class MetaController:
         self._policy.meta.learn(
             Batch(
                 began,
-                self._own_head[outcome.heads],
+                self._own_subgoal[outcome.subgoals],
                 (discounts * outcome.rewards).astype(np.float32),
                 np.where(outcome.terminated, 0.0, discounts).astype(np.float32),
                 self.state[outcome.lanes],

@@ -123,13 +123,13 @@ def make(setup: Setup) -> PaddleAgent:
 
 def _guide(source: Any) -> Source:
     policy: HybridPolicy = source.policy
-    return Source(source.id, policy.task.name, policy.task.heads, source.program, policy.low_level)
+    return Source(source.id, policy.task.name, policy.task.subgoals, source.program, policy.low_level)
 
 
 def _mapping(
     target: HybridPolicy, sources: Sequence[Source], weights: Similarity
 ) -> tuple[SceneMapping, dict[str, Any]]:
-    scenes = [Scene(body, frozenset(target.task.heads)) for body in target.clauses.bodies]
+    scenes = [Scene(body, frozenset(target.task.subgoals)) for body in target.clauses.bodies]
     programs = {source.policy: scenes_of(source.program.clauses) for source in sources}
     mapping = map_scenes(scenes, programs, weights.body_weight, weights.head_weight)
     tasks = {source.policy: source.task for source in sources}

@@ -1,4 +1,4 @@
-"""What a task is to the rest of the house: symbols, subgoals, and a batch of environments."""
+"""What a task is to the rest of the package: symbols, subgoals, and a batch of environments."""
 
 import typing
 from collections.abc import Mapping
@@ -119,7 +119,7 @@ class Step(NamedTuple):
 class Environment(Protocol):
     """B lanes of one task, stepped together. A finished lane stays as it is until `reset`.
 
-    Heads are given as indices into `Task.domain_heads`, one a lane. [B]
+    Subgoals are given as indices into `Task.domain_subgoals`, one a lane. [B]
 
     Attributes:
         num_envs: B.
@@ -146,19 +146,19 @@ class Environment(Protocol):
     def valuation(self) -> Bools:
         """E(s): the truth of every atom of the vocabulary, in its order. [B, P]"""
 
-    def observe(self, heads: Ints) -> Floats:
+    def observe(self, subgoals: Ints) -> Floats:
         """What the low level sees: the state mapped by each lane's subgoal, in a frame of its own. [B, D]"""
 
     def flat_state(self) -> Floats:
         """The whole state, in which no subgoal shows; the same numbers for all tasks of a domain. [B, F]"""
 
-    def in_world(self, heads: Ints, actions: NDArray[Any]) -> NDArray[Any]:
+    def in_world(self, subgoals: Ints, actions: NDArray[Any]) -> NDArray[Any]:
         """Actions chosen by what `observe` shows, as `step` takes them. [B, ...]"""
 
-    def reached(self, heads: Ints) -> Bools:
+    def reached(self, subgoals: Ints) -> Bools:
         """Whether each lane's subgoal holds in the present state. [B]"""
 
-    def available(self, heads: Ints) -> Bools:
+    def available(self, subgoals: Ints) -> Bools:
         """Whether each lane's subgoal has something to act on and doesn't hold already. [B]
 
         The initiation set of the subgoal taken as an option (Sutton, Precup & Singh, 1999).
@@ -187,8 +187,8 @@ class Task:
         summary: One line for a reader.
         horizon: Steps after which an episode is truncated.
         vocabulary: The body atoms.
-        heads: The subgoals that its programs may name.
-        domain_heads: All subgoals of the domain; fixes the order of the one-hot in observations.
+        subgoals: The subgoals that its programs may name.
+        domain_subgoals: All subgoals of the domain; fixes the order of the one-hot in observations.
         make: Its environments.
         learner: Of the low level that fits its actions, `ppo` or `td3`.
         guidance: Where guidance on it differs from `GuidanceSettings`.
@@ -201,8 +201,8 @@ class Task:
     summary: str
     horizon: int
     vocabulary: Vocabulary
-    heads: tuple[Atom, ...]
-    domain_heads: tuple[Atom, ...]
+    subgoals: tuple[Atom, ...]
+    domain_subgoals: tuple[Atom, ...]
     make: Make
     learner: str = "ppo"
     settings: Mapping[str, Any] = field(default_factory=dict)

@@ -23,14 +23,14 @@ class Source:
     Attributes:
         policy: Its id.
         task: What it has learned.
-        heads: The subgoals of that task.
+        subgoals: The subgoals of that task.
         program: Its program.
         low_level: Reaches them.
     """
 
     policy: str
     task: str
-    heads: tuple[Atom, ...]
+    subgoals: tuple[Atom, ...]
     program: Program
     low_level: Learner
 
@@ -46,13 +46,13 @@ class Candidates(NamedTuple):
 
     Attributes:
         guides: TARGET or the source's number, 1, 2, … [C]
-        heads: Head distribution over the domain's heads; the target's row is empty. [C, domain's H]
+        subgoals: Distribution over the domain's subgoals; the target's row is empty. [C, domain's H]
         similarity: ψ, the target's own included; -inf where the scene is no best match. [S, C]
-        entropy: Of the head distribution before it is sharpened, in nats. [C]
+        entropy: Of the subgoal distribution before it is sharpened, in nats. [C]
     """
 
     guides: Ints
-    heads: Floats
+    subgoals: Floats
     similarity: Table
     entropy: Table
 
@@ -72,10 +72,10 @@ def candidates_of(
         bodies: Its scenes.
         sources: Who may guide.
         mapping: Ψ.
-        sharpness: Power of the sources' head probabilities when they lead.
-        softness: Share of the uniform distribution over a source's heads that is mixed into them.
+        sharpness: Power of the sources' subgoal probabilities when they lead.
+        softness: Share of the uniform distribution over a source's subgoals that is mixed into them.
     """
-    none = np.zeros(len(task.domain_heads))
+    none = np.zeros(len(task.domain_subgoals))
     guides, rows, uniform, columns = [TARGET], [none], [none], []
     columns.append([mapping.self_similarity(body) for body in bodies])
     for number, source in enumerate(sources, start=1):
@@ -83,16 +83,19 @@ def candidates_of(
         for scene in dict.fromkeys(scene.body for match in matches if match for scene in match.scenes):
             policy = source.program.policy(scene)
             guides.append(number)
-            uniform.append(np.array([head in source.heads for head in task.domain_heads]) / len(source.heads))
-            rows.append(np.array([policy.get(head, 0.0) for head in task.domain_heads]))
+            uniform.append(
+                np.array([subgoal in source.subgoals for subgoal in task.domain_subgoals])
+                / len(source.subgoals)
+            )
+            rows.append(np.array([policy.get(subgoal, 0.0) for subgoal in task.domain_subgoals]))
             columns.append(
                 [m.similarity if m and scene in [s.body for s in m.scenes] else -np.inf for m in matches]
             )
-    heads = np.array(rows)
-    heads[1:] /= heads[1:].sum(-1, keepdims=True)
-    leading = heads.astype(np.float32)
+    subgoals = np.array(rows)
+    subgoals[1:] /= subgoals[1:].sum(-1, keepdims=True)
+    leading = subgoals.astype(np.float32)
     leading[1:] = sharpened(leading[1:], sharpness)
-    for table in (heads, leading):
+    for table in (subgoals, leading):
         table[1:] = (1.0 - softness) * table[1:] + softness * np.array(uniform)[1:]
-    entropy = -(heads * np.log(np.where(heads > 0, heads, 1.0))).sum(-1)
+    entropy = -(subgoals * np.log(np.where(subgoals > 0, subgoals, 1.0))).sum(-1)
     return Candidates(np.array(guides), leading, np.array(columns).T, entropy)

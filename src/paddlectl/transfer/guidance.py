@@ -79,12 +79,12 @@ class GuidanceSettings:
         repeat_penalty: Taken off a candidate's Λ for each earlier decision of its guide for the same subgoal
             in this scene of this episode: the subgoal was missed, or the episode came back. A frozen
             source that is stuck stays stuck, and two that undo each other's work would do so for ever.
-        forced_trial_rate: In this share of an episode's scenes, times the target's certainty of its head
+        forced_trial_rate: In this share of an episode's scenes, times the target's certainty of its subgoal
             there, the target acts once though its Λ is lower: so it is measured everywhere.
         forced_trial_samples: The target leads a scene by merit only after this many decisions there.
-        novel_subgoal_rate: Chance that the target takes a head that no source knows in a decision, once an
+        novel_subgoal_rate: Chance that the target takes a subgoal that no source knows in a decision, once an
             episode (`NovelSubgoalExploration`).
-        novel_subgoal_success: Such a head is explored in a scene as long as it is reached in this share of
+        novel_subgoal_success: Such a subgoal is explored in a scene as long as it is reached in this share of
             its decisions there; `trials` times at least.
         target_margin: The target takes a scene over when it comes this near to the best source.
         source_memory: Latest decisions that a source's return is averaged over.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from paddlectl.hybrid.policy import HybridPolicy, domain_heads, sample_rows, task_heads
+from paddlectl.hybrid.policy import HybridPolicy, domain_subgoals, sample_rows, task_subgoals
 from paddlectl.hybrid.rollout import PROGRESS, Outcome
 from paddlectl.hybrid.semi_markov import SemiMarkovModel
 from paddlectl.learners.buffers import TARGET
@@ -47,7 +47,7 @@ class TracedDecision(NamedTuple):
 
     scene_state: int
     candidate: int
-    head: int
+    subgoal: int
     steps: int
     reached: bool
     cut: bool
@@ -79,7 +79,7 @@ class GuideSelector:
         self.shape = (scenes * PROGRESS, len(candidates.guides))
         self.traces: list[list[TracedDecision]] = []
         self._rng = rng
-        self._own_heads = domain_heads(target.task)
+        self._own_subgoals = domain_subgoals(target.task)
         self._present: list[TracedDecision | None] = [None] * num_envs
         self._episode: list[list[TracedDecision]] = [[] for _ in range(num_envs)]
         self.clear()
@@ -105,25 +105,25 @@ class GuideSelector:
         return np.zeros(self.shape, np.bool_)
 
     def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
-        """The guide and the head for each lane. [n], [n]"""
+        """The guide and the subgoal for each lane. [n], [n]"""
         weighing = self.weigh()
         weights = self._lane_weights(weighing.weight, lanes, scene_states)
         scenes = scene_states // PROGRESS
         chosen = select_guide(weights, self._rng)
         rules = self._rules(chosen, weights, weighing.weight[scene_states], scene_states)
-        explored = self._novel_heads(lanes, scenes)
+        explored = self._novel_subgoals(lanes, scenes)
         novel = explored >= 0
         chosen[novel], rules[novel] = TARGET, "novel"
         trial = self._forced_trials(lanes, scenes, chosen)
         chosen[trial], rules[trial] = TARGET, "trial"
-        heads = np.where(novel, explored, self._heads(chosen, scenes))
-        for lane, scene_state, candidate, head, rule, weight in zip(
-            lanes, scene_states, chosen, heads, rules, weights, strict=True
+        subgoals = np.where(novel, explored, self._subgoals(chosen, scenes))
+        for lane, scene_state, candidate, subgoal, rule, weight in zip(
+            lanes, scene_states, chosen, subgoals, rules, weights, strict=True
         ):
             self._present[lane] = TracedDecision(
                 int(scene_state),
                 int(candidate),
-                int(head),
+                int(subgoal),
                 0,
                 False,
                 False,
@@ -132,7 +132,7 @@ class GuideSelector:
                 weighing.performance[scene_state],
                 weight,
             )
-        return self.candidates.guides[chosen], heads
+        return self.candidates.guides[chosen], subgoals
 
     def on_decision_end(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended."""
@@ -161,11 +161,11 @@ class GuideSelector:
                 self.traces.append(self._episode[lane])
                 self._episode[lane] = []
 
-    def _heads(self, chosen: Ints, scenes: Ints) -> Ints:
-        heads = sample_rows(self.candidates.heads[chosen], self._rng)
+    def _subgoals(self, chosen: Ints, scenes: Ints) -> Ints:
+        subgoals = sample_rows(self.candidates.subgoals[chosen], self._rng)
         own = chosen == TARGET
-        heads[own] = self._own_heads[sample_rows(self._own[scenes[own]], self._rng)]
-        return heads
+        subgoals[own] = self._own_subgoals[sample_rows(self._own[scenes[own]], self._rng)]
+        return subgoals
 
     def _rules(
         self, chosen: Ints, weights: Table, unpenalised: Table, scene_states: Ints
@@ -192,7 +192,7 @@ class GuideSelector:
     def _lane_weights(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
         return weights[scene_states]
 
-    def _novel_heads(self, lanes: Ints, scenes: Ints) -> Ints:
+    def _novel_subgoals(self, lanes: Ints, scenes: Ints) -> Ints:
         return np.full(len(lanes), -1)
 
     def _forced_trials(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
@@ -230,10 +230,10 @@ class PaperGuides(GuideSelector):
         settings: PaperSettings,
     ) -> None:
         super().__init__(target, candidates, num_envs, rng)
-        scenes, heads = candidates.similarity.shape[0], candidates.heads.shape[1]
+        scenes, subgoals = candidates.similarity.shape[0], candidates.subgoals.shape[1]
         self.readings = settings
         self._per_subgoal = settings.values == "per_subgoal"
-        columns = heads if self._per_subgoal else self.shape[1]
+        columns = subgoals if self._per_subgoal else self.shape[1]
         self._returns = MeanReturns((scenes, columns), settings.initial_performance)
         self._rewards: list[list[float]] = [[] for _ in range(num_envs)]
 
@@ -251,8 +251,8 @@ class PaperGuides(GuideSelector):
         values = self._returns.mean
         if not self._per_subgoal:
             return values
-        worth: Table = values @ self.candidates.heads.T.astype(np.float64)
-        worth[:, TARGET] = (self._own * values[:, self._own_heads]).sum(-1)
+        worth: Table = values @ self.candidates.subgoals.T.astype(np.float64)
+        worth[:, TARGET] = (self._own * values[:, self._own_subgoals]).sum(-1)
         return worth
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
@@ -268,7 +268,7 @@ class PaperGuides(GuideSelector):
         seen = set()
         for decision, return_ in zip(self._episode[lane], reversed(returns), strict=True):
             scene = decision.scene_state // PROGRESS
-            cell = (scene, decision.head if self._per_subgoal else decision.candidate)
+            cell = (scene, decision.subgoal if self._per_subgoal else decision.candidate)
             if not (self._per_subgoal and cell in seen):
                 self._returns.record(*cell, return_)
             seen.add(cell)
@@ -296,12 +296,12 @@ class PlannedGuides(GuideSelector):
         self._hits = np.zeros(self.shape, np.intp)
         self._similarity = np.repeat(candidates.similarity, PROGRESS, axis=0)
         self._known = np.where(np.isfinite(self._similarity), self._similarity, 0.0)
-        self._leading_head = candidates.heads.argmax(-1)
-        guides_and_heads = int(candidates.guides.max()) + 1, candidates.heads.shape[1]
-        self._repeats = np.zeros((num_envs, self.shape[0], *guides_and_heads), np.float32)
+        self._leading_subgoal = candidates.subgoals.argmax(-1)
+        guides_and_subgoals = int(candidates.guides.max()) + 1, candidates.subgoals.shape[1]
+        self._repeats = np.zeros((num_envs, self.shape[0], *guides_and_subgoals), np.float32)
         self._forced = np.zeros(num_envs, np.bool_)
-        novel = task_heads(target.task) >= 0
-        novel &= ~candidates.heads[1:].any(0)
+        novel = task_subgoals(target.task) >= 0
+        novel &= ~candidates.subgoals[1:].any(0)
         self._exploration = NovelSubgoalExploration(novel, self.shape[0] // PROGRESS, num_envs, settings, rng)
 
     def weigh(self) -> Weighing:
@@ -334,8 +334,8 @@ class PlannedGuides(GuideSelector):
         return hopeless
 
     def _lane_weights(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
-        leading = np.tile(self._leading_head, (len(lanes), 1))
-        leading[:, TARGET] = self._own_heads[self._own[scene_states // PROGRESS].argmax(-1)]
+        leading = np.tile(self._leading_subgoal, (len(lanes), 1))
+        leading[:, TARGET] = self._own_subgoals[self._own[scene_states // PROGRESS].argmax(-1)]
         repeats = self._repeats[lanes[:, None], scene_states[:, None], self.candidates.guides, leading]
         penalised: Table = weights[scene_states] - self.rules.repeat_penalty * repeats
         penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.target_floor)
@@ -354,8 +354,8 @@ class PlannedGuides(GuideSelector):
         measured: Bools = self._model.count[:, TARGET] >= self.rules.forced_trial_samples
         return measured
 
-    def _novel_heads(self, lanes: Ints, scenes: Ints) -> Ints:
-        return self._exploration.heads(lanes, scenes)
+    def _novel_subgoals(self, lanes: Ints, scenes: Ints) -> Ints:
+        return self._exploration.subgoals(lanes, scenes)
 
     def _forced_trials(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
         rate = self.rules.forced_trial_rate * self._own[scenes].max(-1)
@@ -365,13 +365,13 @@ class PlannedGuides(GuideSelector):
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         guide = self.candidates.guides[decision.candidate]
-        self._repeats[lane, decision.scene_state, guide, decision.head] += 1
+        self._repeats[lane, decision.scene_state, guide, decision.subgoal] += 1
         self._tried[decision.scene_state, decision.candidate] += not decision.cut
         self._hits[decision.scene_state, decision.candidate] += decision.reached
         discount = float(self._clauses.discounts(np.array(decision.steps)))
         self._model.record(decision.scene_state, decision.candidate, reward, following, discount)
         if guide == TARGET and not decision.cut:
-            self._exploration.record(decision.scene_state // PROGRESS, decision.head, decision.reached)
+            self._exploration.record(decision.scene_state // PROGRESS, decision.subgoal, decision.reached)
 
     def _end(self, lane: int) -> None:
         self._repeats[lane] = 0

@@ -7,14 +7,14 @@ from paddlectl.transfer.guidance import GuidanceSettings
 
 
 class NovelSubgoalExploration:
-    """Picks a novel head for the target to take, whoever would lead.
+    """Picks a novel subgoal for the target to take, whoever would lead.
 
     A source leads where it is worth something, and so the target would hardly meet what might be worth more:
     to carry a ball to its tile where every source just puts it down. At most once an episode it tries the
-    novel head that it has tried least in the scene; one that it hardly ever reaches there is given up.
+    novel subgoal that it has tried least in the scene; one that it hardly ever reaches there is given up.
 
     Args:
-        novel: Heads that no source's program has. [domain's H]
+        novel: Subgoals that no source's program has. [domain's H]
         scenes: S, how many.
         num_envs: B, how many.
         rules: Rate, trials and least share.
@@ -31,8 +31,8 @@ class NovelSubgoalExploration:
         self._hits = np.zeros((scenes, len(novel)), np.intp)
         self._done = np.zeros(num_envs, np.bool_)
 
-    def heads(self, lanes: Ints, scenes: Ints) -> Ints:
-        """The head to explore in each lane, -1 for none. [n]"""
+    def subgoals(self, lanes: Ints, scenes: Ints) -> Ints:
+        """The subgoal to explore in each lane, -1 for none. [n]"""
         young = self._tried < self._rules.trials
         promising = self._hits >= self._rules.novel_subgoal_success * self._tried
         worth: Bools = self._novel & (young | promising)
@@ -44,10 +44,10 @@ class NovelSubgoalExploration:
         )
         return np.where(due, tries.argmin(-1), -1)
 
-    def record(self, scene: int, head: int, reached: bool) -> None:
+    def record(self, scene: int, subgoal: int, reached: bool) -> None:
         """Counts a decision of the target."""
-        self._tried[scene, head] += 1
-        self._hits[scene, head] += reached
+        self._tried[scene, subgoal] += 1
+        self._hits[scene, subgoal] += reached
 
     def ended(self, lane: int) -> None:
         """The lane's next episode may explore again."""

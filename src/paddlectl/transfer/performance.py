@@ -15,7 +15,7 @@ def performance(return_: Table, entropy: Table, epsilon: float = 0.05, *, clippe
 
     Args:
         return_: G, mean discounted extrinsic return. [S, C]
-        entropy: H of the candidate's head distribution, in nats. [S, C]
+        entropy: H of the candidate's subgoal distribution, in nats. [S, C]
         epsilon: Largest weight of the entropy, reached when G ≤ -ε.
         clipped: To [0, 1].
     """

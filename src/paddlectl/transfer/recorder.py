@@ -16,12 +16,12 @@ from paddlectl.transfer.guides import GuideSelector, TracedDecision
 
 
 class GuideRecorder:
-    """Reads a selector's tables in the names of scenes, heads and policies."""
+    """Reads a selector's tables in the names of scenes, subgoals and policies."""
 
     def __init__(self, selector: GuideSelector, sources: Sequence[Source]) -> None:
         self._selector = selector
         self._bodies = selector.target.clauses.bodies
-        self._heads = selector.target.task.domain_heads
+        self._subgoals = selector.target.task.domain_subgoals
         self._policies = (TARGET_NAME, *(source.policy for source in sources))
         self._tasks = (selector.target.task.name, *(source.task for source in sources))
 
@@ -66,14 +66,14 @@ class GuideRecorder:
         return [self._decision(step, decision) for step, decision in enumerate(episode, start=1)]
 
     def _decision(self, step: int, decision: TracedDecision) -> dict[str, Any]:
-        body, head = self._bodies[decision.scene_state // PROGRESS], self._heads[decision.head]
+        body, subgoal = self._bodies[decision.scene_state // PROGRESS], self._subgoals[decision.subgoal]
         return {
             "step": step,
             "scene": body_document(body),
-            "clause": str(Clause(head, body)),
+            "clause": str(Clause(subgoal, body)),
             "guide": self._policies[self._selector.candidates.guides[decision.candidate]],
             "weights": list(self._weighed(decision)),
-            "head": str(head),
+            "head": str(subgoal),
             "steps": decision.steps,
             "reached": decision.reached,
             "cut": decision.cut,

@@ -19,7 +19,7 @@ from paddlectl.tasks.maze2d.settings import GUIDANCE, PRESETS, SETTINGS, USUAL
 ERRAND_REWARD = 10.0
 """For getting a thing, and again for delivering it."""
 
-_BALL = symbols.HEADS.index(symbols.GT_BALL)
+_BALL = symbols.SUBGOALS.index(symbols.GT_BALL)
 
 
 def final_rewards() -> Floats:
@@ -51,8 +51,8 @@ class Engine:
         self.split: Split = split
         self._rng = np.random.default_rng(seed)
         self._valuations = symbols.valuation_table(spec.atoms)
-        self._available = symbols.available_table(spec.heads)
-        self._after_touch = symbols.touch_table(spec.heads)
+        self._available = symbols.available_table(spec.subgoals)
+        self._after_touch = symbols.touch_table(spec.subgoals)
         self._final_rewards = final_rewards()
 
         self.t: Ints = np.zeros(num_envs, dtype=np.intp)
@@ -118,26 +118,26 @@ class Engine:
         """E(s): the truth of every atom of the vocabulary, in its order. [B, P]"""
         return self._valuations.take(self.facts, axis=0)
 
-    def observe(self, heads: Ints) -> Floats:
+    def observe(self, subgoals: Ints) -> Floats:
         """What the low level sees (`tasks.maze2d.observe`). [B, 6]"""
-        return observe(self.masses.position, self.masses.velocity, heads)
+        return observe(self.masses.position, self.masses.velocity, subgoals)
 
     def flat_state(self) -> Floats:
         """The whole state as one vector (`tasks.maze2d.observe`). [B, 9]"""
         return flat_state(self.masses.position, self.masses.velocity, self.facts, self.t)
 
-    def in_world(self, heads: Ints, actions: Floats) -> Floats:
+    def in_world(self, subgoals: Ints, actions: Floats) -> Floats:
         """The actions themselves: `observe` shows the world as it is. [B, 2]"""
         return actions
 
-    def reached(self, heads: Ints) -> Bools:
+    def reached(self, subgoals: Ints) -> Bools:
         """Whether each lane touched its subgoal's place during the latest action. [B]"""
-        reached: Bools = self.touched[np.arange(self.num_envs), heads]
+        reached: Bools = self.touched[np.arange(self.num_envs), subgoals]
         return reached
 
-    def available(self, heads: Ints) -> Bools:
+    def available(self, subgoals: Ints) -> Bools:
         """Whether each lane's subgoal has something to act on and isn't reached already. [B]"""
-        return self._available[heads, self.facts] & ~self.reached(heads)
+        return self._available[subgoals, self.facts] & ~self.reached(subgoals)
 
 
 def _touched(positions: Points) -> Bools:
@@ -160,8 +160,8 @@ def task_of(spec: Spec, settings: Mapping[str, Any] = USUAL) -> Task:
         summary=spec.summary,
         horizon=HORIZON,
         vocabulary=Vocabulary(spec.atoms, symbols.exclusions(spec.atoms)),
-        heads=spec.heads,
-        domain_heads=symbols.HEADS,
+        subgoals=spec.subgoals,
+        domain_subgoals=symbols.SUBGOALS,
         make=partial(Engine, spec),
         learner="td3",
         settings=settings,

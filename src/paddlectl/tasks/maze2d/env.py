@@ -84,7 +84,7 @@ class PaddleMazeEnv(TaskEnv):
         most = np.array([COLUMNS / 2, ROWS / 2, _MOST_SPEED, _MOST_SPEED, 1, 1, 1, 1])
         self.observation_space = gymnasium.spaces.Box(np.where(most > 1, -most, 0), most, dtype=np.float64)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self._things = [thing for thing in _THINGS if thing[0] in self.spec_of_task.heads]
+        self._things = [thing for thing in _THINGS if thing[0] in self.spec_of_task.subgoals]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -130,9 +130,9 @@ class PaddleMazeEnv(TaskEnv):
         score = 100 * (1 - 0.9 * self.t / self.max_steps) if solved else 0.0
         return reward + score, score, solved, self.t >= self.max_steps and not solved
 
-    def at(self, head: Atom) -> bool:
+    def at(self, subgoal: Atom) -> bool:
         """Whether the ball touches a subgoal's place."""
-        return bool(np.linalg.norm(self.position - PLACES[s.HEADS.index(head)]) <= RADIUS)
+        return bool(np.linalg.norm(self.position - PLACES[s.SUBGOALS.index(subgoal)]) <= RADIUS)
 
     @property
     def position(self) -> Points:
@@ -157,12 +157,12 @@ class PaddleMazeEnv(TaskEnv):
                     x, y = column * _CELL, row * _CELL
                     draw.rectangle((x, y, x + _CELL - 1, y + _CELL - 1), _WALL)
         for get, deliver in self._things:
-            _disc(draw, PLACES[s.HEADS.index(deliver)], RADIUS, _COLOURS[deliver])
+            _disc(draw, PLACES[s.SUBGOALS.index(deliver)], RADIUS, _COLOURS[deliver])
             if get not in self.held | self.delivered:
-                _disc(draw, PLACES[s.HEADS.index(get)], 0.25, _COLOURS[get])
+                _disc(draw, PLACES[s.SUBGOALS.index(get)], 0.25, _COLOURS[get])
             if get in self.delivered:
-                _disc(draw, PLACES[s.HEADS.index(deliver)], 0.2, _COLOURS[get])
-        _disc(draw, PLACES[s.HEADS.index(s.GT_BALL)], RADIUS, _COLOURS[s.GT_BALL])
+                _disc(draw, PLACES[s.SUBGOALS.index(deliver)], 0.2, _COLOURS[get])
+        _disc(draw, PLACES[s.SUBGOALS.index(s.GT_BALL)], RADIUS, _COLOURS[s.GT_BALL])
         _disc(draw, self.position, 0.2, _AGENT)
         for number, get in enumerate(sorted(self.held)):
             _disc(draw, self.position + np.array([0.12 * number - 0.06, 0.0]), 0.1, _COLOURS[get])

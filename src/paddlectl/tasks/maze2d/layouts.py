@@ -47,7 +47,7 @@ def centre(row: int, column: int) -> tuple[float, float]:
 
 
 PLACES: Points = np.array([centre(*cell) for cell in ((6, 2), (7, 4), (4, 7), (7, 6), (7, 9))])
-"""Where each subgoal of `symbols.HEADS` is reached. [5, 2]"""
+"""Where each subgoal of `symbols.SUBGOALS` is reached. [5, 2]"""
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,14 @@ class Spec:
         summary: One line for a reader.
         delivered: Facts that solve the task once the ball is touched.
         atoms: The vocabulary, in order.
-        heads: The subgoals that programs may name.
+        subgoals: The subgoals that programs may name.
     """
 
     name: str
     summary: str
     delivered: s.Fact
     atoms: tuple[Atom, ...]
-    heads: tuple[Atom, ...]
+    subgoals: tuple[Atom, ...]
 
 
 SPECS = {
@@ -77,21 +77,21 @@ SPECS = {
             summary="Get the coffee, bring it to its office, go to the ball.",
             delivered=s.Fact.COFFEE_DELIVERED,
             atoms=(s.COFFEE_IN_HAND, s.COFFEE_DELIVERED),
-            heads=(s.GT_COFFEE, s.GT_COFFEE_OFFICE, s.GT_BALL),
+            subgoals=(s.GT_COFFEE, s.GT_COFFEE_OFFICE, s.GT_BALL),
         ),
         Spec(
             name="MailMaze",
             summary="Get the mail, bring it to its office, go to the ball.",
             delivered=s.Fact.MAIL_DELIVERED,
             atoms=(s.MAIL_IN_HAND, s.MAIL_DELIVERED),
-            heads=(s.GT_MAIL, s.GT_MAIL_OFFICE, s.GT_BALL),
+            subgoals=(s.GT_MAIL, s.GT_MAIL_OFFICE, s.GT_BALL),
         ),
         Spec(
             name="CoffeeMailMaze",
             summary="Bring coffee and mail to their offices in any order, go to the ball.",
             delivered=s.Fact.COFFEE_DELIVERED | s.Fact.MAIL_DELIVERED,
             atoms=s.ATOMS,
-            heads=s.HEADS,
+            subgoals=s.SUBGOALS,
         ),
     )
 }

@@ -14,9 +14,9 @@ FLAT_SIZE = 9
 _SPEED = 2.5
 
 
-def observe(position: Points, velocity: Points, heads: Ints) -> Floats:
+def observe(position: Points, velocity: Points, subgoals: Ints) -> Floats:
     """Position, velocity and the subgoal's place. [B, 6]"""
-    return np.hstack([position, velocity / _SPEED, PLACES[heads]]).astype(np.float32)
+    return np.hstack([position, velocity / _SPEED, PLACES[subgoals]]).astype(np.float32)
 
 
 def flat_state(position: Points, velocity: Points, facts: Ints, t: Ints) -> Floats:

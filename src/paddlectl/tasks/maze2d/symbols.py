@@ -20,10 +20,10 @@ MAIL_DELIVERED = Predicate("mail_delivered", 0)()
 ATOMS = (COFFEE_IN_HAND, COFFEE_DELIVERED, MAIL_IN_HAND, MAIL_DELIVERED)
 _PAIRS = ((COFFEE_IN_HAND, COFFEE_DELIVERED), (MAIL_IN_HAND, MAIL_DELIVERED))
 
-HEADS = tuple(
+SUBGOALS = tuple(
     Predicate(name, 0)() for name in ("gt_coffee", "gt_coffee_office", "gt_mail", "gt_mail_office", "gt_ball")
 )
-GT_COFFEE, GT_COFFEE_OFFICE, GT_MAIL, GT_MAIL_OFFICE, GT_BALL = HEADS
+GT_COFFEE, GT_COFFEE_OFFICE, GT_MAIL, GT_MAIL_OFFICE, GT_BALL = SUBGOALS
 
 
 class Fact(IntFlag):
@@ -55,8 +55,8 @@ def valuation_table(atoms: Collection[Atom]) -> Bools:
     return np.stack([_holds(truth[atom]) for atom in atoms], axis=1)
 
 
-def available_table(heads: Collection[Atom]) -> Bools:
-    """Whether what a subgoal acts on is there, by facts, in a task with these heads. [5, 16]"""
+def available_table(subgoals: Collection[Atom]) -> Bools:
+    """Whether what a subgoal acts on is there, by facts, in a task with these subgoals. [5, 16]"""
     available = {
         GT_COFFEE: ~_holds(Fact.COFFEE_HELD | Fact.COFFEE_DELIVERED),
         GT_COFFEE_OFFICE: _holds(Fact.COFFEE_HELD),
@@ -64,22 +64,22 @@ def available_table(heads: Collection[Atom]) -> Bools:
         GT_MAIL_OFFICE: _holds(Fact.MAIL_HELD),
         GT_BALL: np.ones(FACTS, np.bool_),
     }
-    return np.stack([available[head] & (head in heads) for head in HEADS])
+    return np.stack([available[subgoal] & (subgoal in subgoals) for subgoal in SUBGOALS])
 
 
-def touch_table(heads: Collection[Atom]) -> Ints:
-    """The facts after a place is touched, by facts, in a task with these heads. [5, 16]
+def touch_table(subgoals: Collection[Atom]) -> Ints:
+    """The facts after a place is touched, by facts, in a task with these subgoals. [5, 16]
 
     A row for each subgoal's place: things are taken and delivered by touch; the ball changes nothing.
     """
-    after = np.tile(_ALL, (len(HEADS), 1))
-    available = available_table(heads)
-    for head, given, taken in (
+    after = np.tile(_ALL, (len(SUBGOALS), 1))
+    available = available_table(subgoals)
+    for subgoal, given, taken in (
         (GT_COFFEE, Fact.COFFEE_HELD, Fact(0)),
         (GT_COFFEE_OFFICE, Fact.COFFEE_DELIVERED, Fact.COFFEE_HELD),
         (GT_MAIL, Fact.MAIL_HELD, Fact(0)),
         (GT_MAIL_OFFICE, Fact.MAIL_DELIVERED, Fact.MAIL_HELD),
     ):
-        row = HEADS.index(head)
+        row = SUBGOALS.index(subgoal)
         after[row] = np.where(available[row], _ALL & ~int(taken) | int(given), _ALL)
     return after

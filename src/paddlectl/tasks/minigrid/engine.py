@@ -113,11 +113,13 @@ class Engine:
         reached = symbols.reached_table(spec.things)
         self._reached = reached.ravel()
         self._available = symbols.available_table(spec.things).ravel()
-        self._solved = np.logical_and.reduce([reached[symbols.HEADS.index(head)] for head in spec.success])
+        self._solved = np.logical_and.reduce(
+            [reached[symbols.SUBGOALS.index(subgoal)] for subgoal in spec.success]
+        )
         self._milestones: Ints = np.zeros(symbols.FACTS, dtype=np.intp)  # a bit for each subgoal that pays
-        for number in map(symbols.HEADS.index, spec.milestones):
+        for number in map(symbols.SUBGOALS.index, spec.milestones):
             self._milestones |= reached[number].astype(np.intp) << number
-        count = np.bitwise_count(np.arange(1 << len(symbols.HEADS)))
+        count = np.bitwise_count(np.arange(1 << len(symbols.SUBGOALS)))
         self._milestone_rewards = (milestone_reward * count).astype(np.float32)
         self._final_rewards = final_rewards()
 
@@ -221,27 +223,27 @@ class Engine:
         """E(s): the truth of every atom of the vocabulary, in its order. [B, P]"""
         return self._valuations.take(self.state.facts, axis=0)
 
-    def observe(self, heads: Ints) -> Floats:
+    def observe(self, subgoals: Ints) -> Floats:
         """What the low level sees (`tasks.minigrid.observe`). [B, 81]"""
         s = self.state
-        return self._observer(s.grid, s.rows, s.agent, s.facing, s.held, s.where, heads)
+        return self._observer(s.grid, s.rows, s.agent, s.facing, s.held, s.where, subgoals)
 
     def flat_state(self) -> Floats:
         """The whole state as one vector (`tasks.minigrid.flat`). [B, FLAT_SIZE]"""
         s = self.state
         return flat_state(s.grid, s.rows, s.agent, s.facing, s.held, s.where, s.facts, self._earned, self.t)
 
-    def in_world(self, heads: Ints, actions: Ints) -> Ints:
+    def in_world(self, subgoals: Ints, actions: Ints) -> Ints:
         """Actions chosen by what `observe` shows, as `step` takes them. [B]"""
-        return self._observer.in_world(self.state.agent, self.state.where, heads, actions)
+        return self._observer.in_world(self.state.agent, self.state.where, subgoals, actions)
 
-    def reached(self, heads: Ints) -> Bools:
+    def reached(self, subgoals: Ints) -> Bools:
         """Whether each lane's subgoal holds in the present state. [B]"""
-        return self._reached.take(heads * symbols.FACTS + self.state.facts)
+        return self._reached.take(subgoals * symbols.FACTS + self.state.facts)
 
-    def available(self, heads: Ints) -> Bools:
+    def available(self, subgoals: Ints) -> Bools:
         """Whether each lane's subgoal has something to act on and doesn't hold already. [B]"""
-        return self._available.take(heads * symbols.FACTS + self.state.facts)
+        return self._available.take(subgoals * symbols.FACTS + self.state.facts)
 
 
 def make_task(name: str, milestone_reward: float = 0.1) -> Task:
@@ -257,7 +259,7 @@ def task_of(spec: Spec, milestone_reward: float = 0.1) -> Task:
         summary=spec.summary,
         horizon=HORIZON,
         vocabulary=Vocabulary(spec.atoms, symbols.exclusions(spec.atoms)),
-        heads=spec.heads,
-        domain_heads=symbols.HEADS,
+        subgoals=spec.subgoals,
+        domain_subgoals=symbols.SUBGOALS,
         make=partial(Engine, spec, milestone_reward=milestone_reward),
     )

@@ -138,9 +138,11 @@ class PaddleEnv(TaskEnv, MiniGridEnv):
         self.step_count += 1
         self._act(chosen)
         spec = self.spec_of_task
-        new = [i for i, head in enumerate(spec.milestones) if i not in self._earned and self.holds(head)]
+        new = [
+            i for i, subgoal in enumerate(spec.milestones) if i not in self._earned and self.holds(subgoal)
+        ]
         self._earned.update(new)
-        solved = all(self.holds(head) for head in spec.success)
+        solved = all(self.holds(subgoal) for subgoal in spec.success)
         score = self._reward() if solved else 0.0
         return (
             self.milestone_reward * len(new) + score,
@@ -206,10 +208,10 @@ class PaddleEnv(TaskEnv, MiniGridEnv):
         x, y = self.door.cur_pos
         return any(isinstance(self.grid.get(x + side, y), Key | Ball | Box) for side in (-1, 1))
 
-    def holds(self, head: Atom) -> bool:
+    def holds(self, subgoal: Atom) -> bool:
         """Whether a subgoal holds now."""
         things, objects = self.spec_of_task.things, self._objects
-        match head.predicate.name:
+        match subgoal.predicate.name:
             case "gt_blockage":
                 return self.carrying is objects[Thing.BLOCKAGE]
             case "put_blockage":
@@ -230,7 +232,7 @@ class PaddleEnv(TaskEnv, MiniGridEnv):
                 return objects[Thing.YELLOW_TILE].contains is not None
             case "place_ball":
                 return objects[Thing.RED_TILE].contains is not None
-        raise ValueError(f"no subgoal of these tasks: {head}")
+        raise ValueError(f"no subgoal of these tasks: {subgoal}")
 
     def _put_down(self, thing: Any) -> bool:
         return thing.cur_pos is not None and self.carrying is not thing and not self.is_blocked()

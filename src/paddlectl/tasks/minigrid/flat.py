@@ -27,7 +27,7 @@ THINGS = tuple(thing for thing in Thing if thing < Thing.PASSAGE)
 _RELATIVE = RELATIVE_IN_WORLD.shape[-1]
 _OF_THING = _RELATIVE + 2
 _BITS: Ints = np.arange(10)
-FLAT_SIZE = 49 + _OF_THING * len(THINGS) + 7 + 2 + 4 + len(Held) + len(_BITS) + len(symbols.HEADS) + 1
+FLAT_SIZE = 49 + _OF_THING * len(THINGS) + 7 + 2 + 4 + len(Held) + len(_BITS) + len(symbols.SUBGOALS) + 1
 _IN_HAND: Ints = np.array([getattr(Held, thing.name, -1) for thing in THINGS])
 
 
@@ -76,7 +76,7 @@ def flat_state(
             np.eye(4)[facing],
             np.eye(len(Held))[held],
             (facts[:, None] >> _BITS) & 1,
-            (paid[:, None] >> np.arange(len(symbols.HEADS))) & 1,
+            (paid[:, None] >> np.arange(len(symbols.SUBGOALS))) & 1,
             1 - t[:, None] / HORIZON,
         ]
     ).astype(np.float32)

@@ -40,7 +40,7 @@ class Spec:
         milestones: Subgoals that pay once an episode, when they first hold.
         success: Subgoals that solve the task when all of them hold.
         atoms: The vocabulary, in order.
-        heads: The subgoals that programs may name.
+        subgoals: The subgoals that programs may name.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Spec:
     milestones: tuple[Atom, ...]
     success: tuple[Atom, ...]
     atoms: tuple[Atom, ...]
-    heads: tuple[Atom, ...]
+    subgoals: tuple[Atom, ...]
 
     @property
     def things(self) -> tuple[Thing, ...]:
@@ -77,7 +77,7 @@ SPECS = {
             milestones=(s.PUT_BLOCKAGE,),
             success=(s.GT_DOOR,),
             atoms=(s.KEY_IN_HAND, s.KEY_IN_SIGHT, s.BLOCKAGE_IN_HAND, s.OPEN, s.BLOCKED),
-            heads=(s.GT_BLOCKAGE, s.PUT_BLOCKAGE, s.GT_KEY, s.GT_DOOR),
+            subgoals=(s.GT_BLOCKAGE, s.PUT_BLOCKAGE, s.GT_KEY, s.GT_DOOR),
         ),
         Spec(
             name="GapBall",
@@ -89,7 +89,7 @@ SPECS = {
             milestones=(s.GT_KEY,),
             success=(s.GT_BALL,),
             atoms=_DOOR_BALL,
-            heads=(s.GT_BOX, s.GT_KEY, s.PUT_KEY, s.GT_BALL),
+            subgoals=(s.GT_BOX, s.GT_KEY, s.PUT_KEY, s.GT_BALL),
         ),
         Spec(
             name="DoorBall",
@@ -101,7 +101,7 @@ SPECS = {
             milestones=(s.GT_DOOR,),
             success=(s.GT_BALL,),
             atoms=_DOOR_BALL,
-            heads=(s.GT_KEY, s.GT_DOOR, s.PUT_KEY, s.GT_BALL),
+            subgoals=(s.GT_KEY, s.GT_DOOR, s.PUT_KEY, s.GT_BALL),
         ),
         Spec(
             name="OpenGoal",
@@ -113,7 +113,7 @@ SPECS = {
             milestones=(),
             success=(s.GT_GOAL,),
             atoms=_DOOR,
-            heads=(s.GT_KEY, s.GT_DOOR, s.PUT_KEY, s.GT_GOAL),
+            subgoals=(s.GT_KEY, s.GT_DOOR, s.PUT_KEY, s.GT_GOAL),
         ),
         Spec(
             name="BoxDoor",
@@ -125,7 +125,7 @@ SPECS = {
             milestones=(s.GT_KEY,),
             success=(s.GT_DOOR,),
             atoms=_DOOR,
-            heads=(s.GT_BOX, s.GT_KEY, s.GT_DOOR),
+            subgoals=(s.GT_BOX, s.GT_KEY, s.GT_DOOR),
         ),
         Spec(
             name="BlockedBoxUnlockPickup",
@@ -137,7 +137,7 @@ SPECS = {
             milestones=(s.PUT_BLOCKAGE, s.GT_KEY, s.GT_DOOR),
             success=(s.GT_BALL,),
             atoms=_BLOCKED,
-            heads=_UNLOCK,
+            subgoals=_UNLOCK,
         ),
         Spec(
             name="BlockedBoxPlaceGoal",
@@ -149,7 +149,7 @@ SPECS = {
             milestones=(s.PLACE_BLOCKAGE, s.GT_KEY, s.GT_DOOR),
             success=(s.PLACE_BLOCKAGE, s.PLACE_BALL),
             atoms=(*_BLOCKED, s.BLOCKAGE_PLACED),
-            heads=(*_UNLOCK, s.PLACE_BLOCKAGE, s.PLACE_BALL),
+            subgoals=(*_UNLOCK, s.PLACE_BLOCKAGE, s.PLACE_BALL),
         ),
     )
 }

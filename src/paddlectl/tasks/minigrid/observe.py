@@ -7,7 +7,7 @@ among objects that it has never met. In order:
 - 8: the target: present, dx / 14, dy / 7, sign of dx, sign of dy, dx = 0, dy = 0, in the near room
 - 7: the passage: dx / 14, dy / 7, sign of dx, sign of dy, dy = 0; the agent is in the near room; it is open
 - 3: the target is in front; the cell in front is empty; something is held
-- 14: facing and head, one-hot
+- 14: facing and subgoal, one-hot
 
 The target is what the subgoal acts on: a thing, the passage, a tile to place on. Without one (to put
 something down, or as long as a thing isn't on the grid) its numbers are 0.
@@ -38,7 +38,7 @@ REACH = 3  # cells seen to each side
 _SIDE = 2 * REACH + 1
 _WINDOW = _SIDE * _SIDE
 ROWS = HEIGHT + 2 * REACH
-OBSERVATION_SIZE = _WINDOW + 8 + 7 + 3 + 4 + len(s.HEADS)
+OBSERVATION_SIZE = _WINDOW + 8 + 7 + 3 + 4 + len(s.SUBGOALS)
 
 _TARGETS = {
     s.GT_BLOCKAGE: Thing.BLOCKAGE,
@@ -50,7 +50,7 @@ _TARGETS = {
     s.PLACE_BLOCKAGE: Thing.YELLOW_TILE,
     s.PLACE_BALL: Thing.RED_TILE,
 }
-TARGET: Ints = np.array([_TARGETS.get(head, Thing.NOTHING) for head in s.HEADS])
+TARGET: Ints = np.array([_TARGETS.get(subgoal, Thing.NOTHING) for subgoal in s.SUBGOALS])
 
 
 def _frame_table() -> Ints:
@@ -91,12 +91,12 @@ def _in_frames(table: Floats, horizontal: list[int], vertical: list[int]) -> Flo
 
 
 def _one_hot_table() -> Floats:
-    """Rows of facing and head over facing x head. [4 * 10, 14]"""
-    heads = len(s.HEADS)
-    table = np.zeros((4, heads, 4 + heads), dtype=np.float32)
+    """Rows of facing and subgoal over facing x subgoal. [4 * 10, 14]"""
+    subgoals = len(s.SUBGOALS)
+    table = np.zeros((4, subgoals, 4 + subgoals), dtype=np.float32)
     table[..., :4] = np.eye(4)[:, None]
-    table[..., 4:] = np.eye(heads)
-    return table.reshape(-1, 4 + heads)
+    table[..., 4:] = np.eye(subgoals)
+    return table.reshape(-1, 4 + subgoals)
 
 
 _FRAME = _frame_table()
@@ -158,7 +158,7 @@ class Observer:
         self._window = np.empty((num_envs, _SIDE, _SIDE), dtype=np.float32)
 
     def __call__(
-        self, grid: Codes, rows: Ints, agent: Ints, facing: Ints, held: Ints, where: Ints, heads: Ints
+        self, grid: Codes, rows: Ints, agent: Ints, facing: Ints, held: Ints, where: Ints, subgoals: Ints
     ) -> Floats:
         """The observations.
 
@@ -169,12 +169,12 @@ class Observer:
             facing: Its direction. [B]
             held: What is in hand. [B]
             where: Cell of each thing, or ABSENT. [B, 9]
-            heads: Each lane's subgoal. [B]
+            subgoals: Each lane's subgoal. [B]
 
         Returns:
             A new array. [B, 81]
         """
-        target = where.take(self._things + TARGET.take(heads))
+        target = where.take(self._things + TARGET.take(subgoals))
         passage = where[:, Thing.PASSAGE]
         frame = _frames(agent, target, passage)
         out = np.empty((len(agent), OBSERVATION_SIZE), dtype=np.float32)
@@ -197,12 +197,12 @@ class Observer:
         out[:, 65] = grid.take(self._cells + front) == Code.EMPTY
         out[:, 66] = held != 0
         seen_facing = _FACING.take(frame * 4 + facing)
-        out[:, 67:] = _ONE_HOT.take(seen_facing * len(s.HEADS) + heads, axis=0)
+        out[:, 67:] = _ONE_HOT.take(seen_facing * len(s.SUBGOALS) + subgoals, axis=0)
         return out
 
-    def in_world(self, agent: Ints, where: Ints, heads: Ints, actions: Ints) -> Ints:
+    def in_world(self, agent: Ints, where: Ints, subgoals: Ints, actions: Ints) -> Ints:
         """Actions chosen in the frames of these states, as the world takes them. [B]"""
-        target = where.take(self._things + TARGET.take(heads))
+        target = where.take(self._things + TARGET.take(subgoals))
         frame = _frames(agent, target, where[:, Thing.PASSAGE])
         return _IN_WORLD.take(frame * ACTIONS + actions)
 

@@ -34,7 +34,7 @@ _PAIRS = (
     (BLOCKAGE_IN_HAND, BLOCKAGE_PLACED),
 )
 
-HEADS = tuple(
+SUBGOALS = tuple(
     Predicate(name, 0)()
     for name in (
         "gt_blockage",
@@ -60,7 +60,7 @@ HEADS = tuple(
     GT_GOAL,
     PLACE_BLOCKAGE,
     PLACE_BALL,
-) = HEADS
+) = SUBGOALS
 
 
 class Fact(IntFlag):
@@ -155,7 +155,7 @@ def reached_table(things: Collection[Thing]) -> Bools:
         PLACE_BLOCKAGE: _holds(Fact.BLOCKAGE_PLACED),
         PLACE_BALL: _holds(Fact.BALL_PLACED),
     }
-    return np.stack([reached[head] for head in HEADS])
+    return np.stack([reached[subgoal] for subgoal in SUBGOALS])
 
 
 def available_table(things: Collection[Thing]) -> Bools:
@@ -174,4 +174,4 @@ def available_table(things: Collection[Thing]) -> Bools:
         PLACE_BLOCKAGE: (Thing.YELLOW_TILE in things) & _holds(Fact.BLOCKAGE_HELD),
         PLACE_BALL: (Thing.RED_TILE in things) & _holds(Fact.BALL_HELD),
     }
-    return np.stack([available[head] for head in HEADS])
+    return np.stack([available[subgoal] for subgoal in SUBGOALS])
