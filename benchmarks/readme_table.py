@@ -256,8 +256,9 @@ def main() -> None:
     text = _put(text, "inheritance", inheritance_table(json.loads(options.inheritance.read_text())["runs"]))
     text = _put(text, "maze", maze_tables(json.loads(options.maze.read_text())))
     options.readme.write_text(text)
-    checks = check_tables(json.loads(options.sanity.read_text()))
-    options.methods.write_text(_put(options.methods.read_text(), "checks", checks))
+    if options.sanity.exists():
+        checks = check_tables(json.loads(options.sanity.read_text()))
+        options.methods.write_text(_put(options.methods.read_text(), "checks", checks))
 
 
 def _put(text: str, mark: str, made: str) -> str:
