@@ -8,7 +8,7 @@
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -21,6 +21,7 @@ from paddlectl.errors import UsageError
 from paddlectl.learners.componet import CompoNet, Composition
 from paddlectl.learners.networks import mlp
 from paddlectl.learners.ppo import PPO, PPOSettings
+from paddlectl.methods import flat
 from paddlectl.methods.base import Method, Setup
 from paddlectl.tasks.base import Environment, Floats, Task
 
@@ -50,7 +51,7 @@ def _module(settings: CompoNetSettings, size: int, actions: int) -> CompoNet:
     return CompoNet(sources, size, actions, settings.width)
 
 
-USUAL = FlatSettings(learner=CompoNetSettings())
+USUAL = replace(flat.USUAL["ppo"], learner=CompoNetSettings(**asdict(flat.PPO_ALONE)))
 
 
 class CompoNetAgent(ReusingAgent):
