@@ -49,7 +49,7 @@ def test_a_program_fires_the_same_subgoal_in_every_scene(task: str, tmp_path: Pa
     known, dice = load(task), random.Random(1)
     bodies = list(scenes(known.vocabulary.atoms))
     met = dice.sample(bodies, min(40, len(bodies) * 3 // 4))
-    clauses = [Clause(head, body) for body in met for head in known.heads if dice.random() < 0.7]
+    clauses = [Clause(head, body) for body in met for head in known.subgoals if dice.random() < 0.7]
     dice.shuffle(clauses)
     probabilities = [dice.choice([0.1, 0.5, 0.9, 1e-7, 1.0, 0.0, dice.random()]) for _ in clauses]
     program = Program(tuple(clauses), tuple(probabilities))
