@@ -319,7 +319,7 @@ def after(count: int, place: Path) -> Kept:
                 log.write(round_)
                 after_round()
             checkpointer.stop.asked = True
-            for _ in range(24):  # the quickest counts: others may be at work
+            for _ in range(8):
                 with suppress(KeyboardInterrupt):
                     after_round()
         assert (log.curve.ended, log.curve.known) == (count, count)
@@ -328,9 +328,12 @@ def after(count: int, place: Path) -> Kept:
 
 
 def test_a_checkpoint_after_many_episodes_is_as_small_and_quick_as_after_few(tmp_path: Path) -> None:
-    few, many = after(200, tmp_path), after(20_000, tmp_path)
-    assert many.bytes < 1.01 * few.bytes
-    assert many.seconds < 1.2 * few.seconds
+    for _ in range(3):  # what else the machine does can only make one slower
+        few, many = after(200, tmp_path), after(20_000, tmp_path)
+        assert many.bytes < 1.01 * few.bytes
+        if many.seconds < 1.2 * few.seconds:
+            return
+    raise AssertionError(f"{many.seconds:.3f} s after many episodes, {few.seconds:.3f} s after few")
 
 
 def test_the_checkpoints_of_a_run_are_of_one_size(place: Path) -> None:
