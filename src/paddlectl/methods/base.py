@@ -79,10 +79,23 @@ class Method:
         policy: Callable[[Task, int, Any], Policy],
     ) -> "Method":
         """One whose usual settings fit every task: a frozen dataclass, in which there may be others."""
+        return cls.of_usual(name, lambda _: usual, make, policy)
+
+    @classmethod
+    def of_usual(
+        cls,
+        name: str,
+        usual: Callable[[Task], Any],
+        make: Callable[[Setup], Agent],
+        policy: Callable[[Task, int, Any], Policy],
+    ) -> "Method":
+        """One whose usual settings depend on the task, and on no scenario."""
         return cls(
             name=name,
-            settings_for=lambda _task, _scenario, *changes: reduce(changed, changes, usual),
-            settings_from=lambda _task, stored, missing=None: restored(missing or usual, stored, "settings"),
+            settings_for=lambda task, _, *changes: reduce(changed, changes, usual(task)),
+            settings_from=lambda task, stored, missing=None: restored(
+                missing or usual(task), stored, "settings"
+            ),
             make=make,
             policy=policy,
         )

@@ -13,13 +13,12 @@ KL(π || π_g). TD3 has one, and D is the squared distance of the actions over 2
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 import torch
 
 from paddlectl.agents.flat import FlatPolicy, FlatSettings, ReusingAgent
-from paddlectl.agents.settings import changed, restored
 from paddlectl.errors import UsageError
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.learners.networks import gradient_step, mlp
@@ -292,22 +291,8 @@ def make(setup: Setup) -> CUPAgent:
     return OVER[task.learner](policy, rng, sources, setup.frames)
 
 
-def _settings(task: Task, _: Any, *changes: Mapping[str, Any]) -> CUPSettings:
-    settings = CUPSettings(**vars(USUAL[task.learner]))
-    for change in changes:
-        settings = changed(settings, change)
-    return settings
+def _usual(task: Task) -> CUPSettings:
+    return CUPSettings(**vars(USUAL[task.learner]))
 
 
-def _settings_from(task: Task, stored: Any, missing: CUPSettings | None = None) -> CUPSettings:
-    settings: CUPSettings = restored(missing or _settings(task, None), stored, "settings")
-    return settings
-
-
-CUP = Method(
-    name="cup",
-    settings_for=_settings,
-    settings_from=_settings_from,
-    make=make,
-    policy=FlatPolicy,
-)
+CUP = Method.of_usual("cup", _usual, make, FlatPolicy)

@@ -16,7 +16,6 @@ import torch
 from numpy.typing import NDArray
 
 from paddlectl.agents.base import Episode, ReuseRow, Tables
-from paddlectl.agents.settings import changed, restored
 from paddlectl.hybrid.policy import domain_subgoals, settings_for, task_subgoals
 from paddlectl.hybrid.rollout import DecisionSettings, Outcome, Rollout
 from paddlectl.learners.base import Learner, LearnerSettings
@@ -258,22 +257,4 @@ def _usual(task: Task) -> HDQNSettings:
     )
 
 
-def _settings(task: Task, _: Any, *changes: Mapping[str, Any]) -> HDQNSettings:
-    settings = _usual(task)
-    for change in changes:
-        settings = changed(settings, change)
-    return settings
-
-
-def _settings_from(task: Task, stored: Any, missing: HDQNSettings | None = None) -> HDQNSettings:
-    settings: HDQNSettings = restored(missing or _usual(task), stored, "settings")
-    return settings
-
-
-HDQN = Method(
-    name="hdqn",
-    settings_for=_settings,
-    settings_from=_settings_from,
-    make=make,
-    policy=HDQNPolicy,
-)
+HDQN = Method.of_usual("hdqn", _usual, make, HDQNPolicy)

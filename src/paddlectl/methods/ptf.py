@@ -24,7 +24,6 @@ import numpy as np
 import torch
 
 from paddlectl.agents.flat import FlatPolicy, FlatSettings, ReusingAgent
-from paddlectl.agents.settings import changed, restored
 from paddlectl.errors import UsageError
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.learners.networks import gradient_step, mlp
@@ -372,22 +371,4 @@ def _usual(task: Task) -> PTFSettings:
     return PTFSettings(**vars(flat.USUAL[task.learner]), options=OPTIONS[task.learner])
 
 
-def _settings(task: Task, _: Any, *changes: Mapping[str, Any]) -> PTFSettings:
-    settings = _usual(task)
-    for change in changes:
-        settings = changed(settings, change)
-    return settings
-
-
-def _settings_from(task: Task, stored: Any, missing: PTFSettings | None = None) -> PTFSettings:
-    settings: PTFSettings = restored(missing or _usual(task), stored, "settings")
-    return settings
-
-
-PTF = Method(
-    name="ptf",
-    settings_for=_settings,
-    settings_from=_settings_from,
-    make=make,
-    policy=FlatPolicy,
-)
+PTF = Method.of_usual("ptf", _usual, make, FlatPolicy)

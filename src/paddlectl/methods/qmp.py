@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from paddlectl.agents.flat import FlatPolicy, FlatSettings, ReusingAgent
-from paddlectl.agents.settings import changed, restored
+from paddlectl.agents.settings import changed
 from paddlectl.learners.dqn import StepDQNSettings
 from paddlectl.methods import flat
 from paddlectl.methods.base import Method, Setup
@@ -82,22 +82,4 @@ def _usual(task: Task) -> FlatSettings:
     return USUAL["continuous" if task.make(1, 0).actions.continuous else "discrete"]
 
 
-def _settings_for(task: Task, _: Any, *changes: Mapping[str, Any]) -> FlatSettings:
-    settings = _usual(task)
-    for change in changes:
-        settings = changed(settings, change)
-    return settings
-
-
-def _settings_from(task: Task, stored: Any, missing: FlatSettings | None = None) -> FlatSettings:
-    settings: FlatSettings = restored(missing or _usual(task), stored, "settings")
-    return settings
-
-
-QMP = Method(
-    name="qmp",
-    settings_for=_settings_for,
-    settings_from=_settings_from,
-    make=make,
-    policy=FlatPolicy,
-)
+QMP = Method.of_usual("qmp", _usual, make, FlatPolicy)
