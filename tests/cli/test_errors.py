@@ -68,7 +68,7 @@ def test_usage(registry: Registry, command: Command, line: str, told: str) -> No
 MISSING = [
     ("train BoxDor", "did you mean BoxDoor"),
     ("train BoxDoor --preset paper", "it has none: leave out --preset"),
-    ("train MailMaze --preset papr", "MailMaze has no preset papr"),
+    ("train MailMaze --preset papr", "hdm has no preset papr for MailMaze"),
     ("train MailMaze --preset papr", "its presets: paper"),
     ("similarity --target BoxDor", "did you mean BoxDoor"),
     ("show policy-9", "no policy policy-9"),

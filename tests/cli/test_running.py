@@ -128,7 +128,7 @@ def test_resume_all_goes_past_what_can_not_go_on(
         (("--frames", "60000"), "1 run × 60,000 frames"),
         (("--frames", "60000", "--seeds", "0-5", "--jobs", "2"), "6 runs × 60,000 frames, 2 at a time"),
         (("CoffeeMaze", "--jobs", "4"), "2 runs, 4,130,000 frames, 2 at a time"),
-        (("MailMaze", "--preset", "paper"), "error: BoxDoor has no preset paper"),
+        (("MailMaze", "--preset", "paper"), "error: hdm has no preset paper for BoxDoor"),
     ],
 )
 def test_what_is_to_come_is_told_before_it_starts(
