@@ -14,7 +14,7 @@ from paddlectl.experiments.jobs import TrainJob, TransferJob
 from paddlectl.experiments.policies import evaluate, revive
 from paddlectl.experiments.resuming import job_of
 from paddlectl.experiments.runner import run_transfer, train_source
-from paddlectl.hybrid.settings import presets, settings_for, settings_from
+from paddlectl.hybrid.settings import DEVIATIONS, presets, settings_for, settings_from
 from paddlectl.learners.td3 import TD3Settings
 from paddlectl.methods.paddle import PADDLE
 from paddlectl.registry.store import Registry
@@ -98,6 +98,10 @@ def test_the_preset_of_the_paper_takes_every_deviation_back(name: str) -> None:
     usual, paper = settings_for(task), presets(task)["paper"]
     assert paper.low_level == TD3Settings() != usual.low_level
     assert (paper.action_repeat, usual.action_repeat) == (1, 20)
+    assert all(theirs != ours for theirs, ours in DEVIATIONS.values())
+    for which, learned_by in enumerate((paper, usual)):
+        values = {name: values[which] for name, values in DEVIATIONS.items()}
+        assert dataclasses.replace(usual.low_level, **values) == learned_by.low_level
 
 
 def test_a_policy_is_revived_by_the_preset_that_it_was_learned_with(maze: Registry, tmp_path: Path) -> None:
