@@ -35,7 +35,8 @@ def learned(registry: str, frames: int | None, job: tuple[str, int]) -> Result:
     from paddlectl.experiments.policies import EVALUATION_EPISODES, EVALUATION_SEED
     from paddlectl.experiments.runner import _source
     from paddlectl.hybrid.agent import HybridAgent
-    from paddlectl.hybrid.policy import HybridPolicy, ProgramSelector, settings_for
+    from paddlectl.hybrid.policy import HybridPolicy, ProgramSelector
+    from paddlectl.hybrid.settings import settings_for
     from paddlectl.methods.paddle import _guide, _mapping, _warm_start
     from paddlectl.tasks.suite import load
     from paddlectl.transfer.guidance import GuidanceSettings

@@ -30,9 +30,9 @@ from learning import SEEDS, commit, episodes_of, machine, run, scenario_of, sour
 
 from paddlectl.experiments.curves import in_order
 from paddlectl.experiments.jobs import Job, TrainJob, TransferJob
+from paddlectl.hybrid.settings import DEVIATIONS
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
-from paddlectl.tasks.maze2d.settings import DEVIATIONS
 
 HERE = Path(__file__).parent
 PARTS = ("sources", "paddle", "hdm", "scratch", "ablations", "guided")
@@ -65,7 +65,7 @@ ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "learning_rate": {"low_level": {"learning_rate": 2e-4, "final_rate": 1.0}},
     "hindsight": {"low_level": {"hindsight": 0.0, "other_goals": 0.0}},
 }
-# A setting of the preset `guided`, or one that matters to an heir alone -> the usual one in its place.
+# A setting of `methods.paddle.GUIDED`, or one that matters to an heir alone -> the usual one in its place.
 GUIDED: Mapping[str, Mapping[str, Any]] = {
     "num_envs": {"num_envs": 8, "rollout_steps": 32},
     "action_repeat": {"action_repeat": 20},

@@ -37,7 +37,7 @@ from training_speed import measure
 from paddlectl.experiments.curves import in_order
 from paddlectl.experiments.curves import rates as curve_rates
 from paddlectl.experiments.log import versions
-from paddlectl.hybrid.policy import HybridSettings
+from paddlectl.hybrid.settings import HybridSettings
 from paddlectl.tasks import suite
 from paddlectl.tasks.base import Bools, Floats, Ints
 

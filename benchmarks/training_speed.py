@@ -25,7 +25,7 @@ import torch
 from paddlectl.agents.interaction import Learning
 from paddlectl.experiments.jobs import Progress, TrainJob
 from paddlectl.experiments.runner import train_source
-from paddlectl.hybrid.policy import HybridSettings
+from paddlectl.hybrid.settings import HybridSettings
 from paddlectl.learners.ppo import PPO
 from paddlectl.methods.base import Setup
 from paddlectl.methods.hdm import HDM

@@ -10,7 +10,8 @@ import torch
 from paddlectl.agents import evaluation
 from paddlectl.agents.evaluation import evaluate
 from paddlectl.agents.flat import FlatPolicy, FlatSettings
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.hybrid.policy import HybridPolicy
+from paddlectl.hybrid.settings import HybridSettings
 from paddlectl.learners.ppo import PPOSettings
 from scripted import GT_END, GT_TWO, HORIZON, RIGHT, STAY, TASK, ByScript
 

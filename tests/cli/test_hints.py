@@ -5,6 +5,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Callable, Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,7 @@ from paddlectl.errors import PaddlectlError
 from paddlectl.experiments import policies, processes
 from paddlectl.experiments.jobs import Begun, ResumeJob, TrainJob, TransferJob
 from paddlectl.experiments.runner import _source
-from paddlectl.methods.base import Setup
-from paddlectl.methods.componet import COMPONET
+from paddlectl.methods.base import Setup, method_of
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load, names
@@ -315,9 +315,11 @@ def test_the_command_in_a_hint_works_and_no_hint_is_left_out(
     with pytest.raises(PaddlectlError) as caught:
         _source(registry, registry.policy("DoorBall").id)
     told += [caught.value.hint, *(followed(command, way) for way in ways(caught.value.hint))]
-    with pytest.raises(PaddlectlError) as caught:
-        COMPONET.make(Setup(load(TARGET), COMPONET.settings_for(load(TARGET), None), 0, 1))
-    told += [caught.value.hint, *(followed(command, way) for way in ways(caught.value.hint))]
+    for task, name in [(TARGET, "componet"), *product((TARGET, "MailMaze"), ("finetune", "cup", "ptf"))]:
+        method = method_of(name)
+        with pytest.raises(PaddlectlError) as caught:
+            method.make(Setup(load(task), method.settings_for(load(task), None), 0, 1))
+        told += [caught.value.hint, *(followed(command, way) for way in ways(caught.value.hint))]
     everything = "\n".join(told)
     left = [
         where

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from contract import CHECKS
 from paddlectl import plugins
 from paddlectl.cli.options import complete_tasks
 from paddlectl.errors import IntegrityError, PaddlectlError
@@ -153,6 +154,12 @@ def test_its_plain_classes_are_captured(installed: Path, tmp_path: Path) -> None
     resume("run-1", registry, quiet, Checkpointer())
     row = train_source(job, registry, quiet)
     assert ended(registry, "run-1") == ended(registry, row["run"])
+
+
+@pytest.mark.parametrize("name", ["climb", "lean"])
+def test_its_methods_keep_what_every_method_promises(installed: Path, name: str) -> None:
+    for check in CHECKS:
+        check(name, "discrete")
 
 
 @pytest.mark.parametrize("line", ["tasks --json", "similarity --target CoinCorridor"])
@@ -316,6 +323,8 @@ def test_a_name_that_no_registry_keeps_is_no_tasks(installed: Path, name: str) -
         ("ENTRY = Entry('climb:METHOD', '', 'ppo', DISCRETE)", "it gives str instead of builtins.tuple"),
         ("ENTRY = Entry('climb:METHOD', '', (), frozenset())", "actions can't be frozenset()"),
         ("ENTRY = Entry('climb:METHOD', '', (), frozenset({'x'}))", "actions can't be"),
+        ("ENTRY = Entry('climb:METHOD', '', (), DISCRETE, ['x'])", "it gives list instead of"),
+        ("ENTRY = Entry('climb:METHOD', '', (), DISCRETE, {'x': 'y'})", "it gives str instead of builtins.t"),
         ("ENTRY = Entry('climb:METHOD', '', (), DISCRETE)", "its method is called 'climb'"),
         ("ENTRY = Entry('climb:make', '', (), DISCRETE)", "it gives function instead of"),
         ("ENTRY = Entry('climb:none', '', (), DISCRETE)", "has no attribute 'none'"),

@@ -14,7 +14,10 @@ import pytest
 from paddlectl.cli import running
 from paddlectl.cli.quiet import Courtesy
 from paddlectl.errors import NotFoundError, PaddlectlError
-from paddlectl.experiments.jobs import Begun, Event, Failure, Job, Note, Progress, ResumeJob
+from paddlectl.experiments import runner
+from paddlectl.experiments.jobs import Begun, Event, Failure, Job, Note, Progress, ResumeJob, TrainJob
+from paddlectl.experiments.runner import train_source
+from paddlectl.methods.base import Setup
 from paddlectl.registry.names import ELSEWHERE
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
@@ -128,7 +131,9 @@ def test_resume_all_goes_past_what_can_not_go_on(
         (("--frames", "60000"), "1 run × 60,000 frames"),
         (("--frames", "60000", "--seeds", "0-5", "--jobs", "2"), "6 runs × 60,000 frames, 2 at a time"),
         (("CoffeeMaze", "--jobs", "4"), "2 runs, 4,130,000 frames, 2 at a time"),
-        (("MailMaze", "--preset", "paper"), "error: BoxDoor has no preset paper"),
+        (("--method", "ppo"), "1 run × 250,000 frames"),
+        (("DoorBall", "--method", "hdqn"), "2 runs × 130,000 frames, 2 at a time"),
+        (("MailMaze", "--preset", "paper"), "error: hdm has no preset paper for BoxDoor"),
     ],
 )
 def test_what_is_to_come_is_told_before_it_starts(
@@ -136,6 +141,42 @@ def test_what_is_to_come_is_told_before_it_starts(
 ) -> None:
     jobs_done(*[ROW] * 6)
     assert command("train", "BoxDoor", *options).err.splitlines()[0] == plan
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "CoffeeMaze",
+        "CoffeeMaze --preset paper",
+        "CoffeeMaze --method hdqn --preset paper",
+        "CoffeeMaze --method td3",
+        "BoxDoor --method ppo",
+        "BoxDoor --method ppo --frames 7",
+    ],
+)
+def test_the_budget_that_is_told_is_the_one_that_is_run(
+    command: Command,
+    jobs_done: Callable[..., list[Job]],
+    line: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[Setup] = []
+
+    def stop(*given: Any) -> None:
+        begun.extend(each for each in given if isinstance(each, Setup))
+        raise KeyboardInterrupt
+
+    asked = jobs_done(ROW)
+    told = command("train", *line.split()).err.splitlines()[0]
+    monkeypatch.setattr(runner, "_learned", stop)
+    (job,) = asked
+    assert isinstance(job, TrainJob)
+    with Registry.open(tmp_path / "run") as registry, pytest.raises(KeyboardInterrupt):
+        train_source(job, registry, lambda _: None)
+    with Registry.open(tmp_path / "run") as registry:
+        assert registry.runs()[0].settings["frames"] == begun[0].frames
+    assert told == f"1 run × {begun[0].frames:,} frames"
 
 
 def test_how_long_is_told_by_earlier_runs(command: Command, jobs_done: Callable[..., list[Job]]) -> None:

@@ -25,14 +25,15 @@ from paddlectl.experiments.resuming import job_of
 from paddlectl.experiments.runner import train_source
 from paddlectl.hybrid.agent import HybridAgent
 from paddlectl.hybrid.credit import CreditSettings
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, ProgramSelector, settings_for
+from paddlectl.hybrid.policy import HybridPolicy, ProgramSelector
 from paddlectl.hybrid.rollout import DecisionSettings, Rollout
+from paddlectl.hybrid.settings import LOW_LEVELS, HybridSettings, settings_for, settings_from
 from paddlectl.learners.ppo import PPOSettings
 from paddlectl.logic.syntax import format_program
 from paddlectl.registry.bundles import bundles
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
-from paddlectl.tasks.base import Environment, Task
+from paddlectl.tasks.base import Environment
 from paddlectl.tasks.suite import load, names
 
 FRAMES = 2048  # a block of MiniGrid; the maze takes a whole one of its own
@@ -165,14 +166,13 @@ def other_defaults(patch: pytest.MonkeyPatch) -> None:
     assert HybridSettings().sharpness == HybridSettings().low_level.sharpness == 9.0
 
 
-def other_task(patch: pytest.MonkeyPatch) -> None:
-    def changed(name: str) -> Task:
-        return dataclasses.replace(load(name), settings={"sharpness": 9.0, "decisions": {"max_steps": 50}})
+def other_numbers_of_the_domain(patch: pytest.MonkeyPatch) -> None:
+    numbers = HybridSettings(sharpness=9.0, decisions=DecisionSettings(max_steps=50))
+    patch.setattr("paddlectl.hybrid.settings.USUAL", {"minigrid": numbers})
+    assert settings_for(load("GapBall")).sharpness == 9.0
 
-    patch.setattr(policies, "load", changed)
 
-
-@pytest.mark.parametrize("change", [lambda patch: None, other_defaults, other_task])
+@pytest.mark.parametrize("change", [lambda patch: None, other_defaults, other_numbers_of_the_domain])
 def test_no_default_changes_a_policy(
     soft: Registry, change: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -229,6 +229,14 @@ def test_a_name_that_came_later_has_its_usual_value(soft: Registry) -> None:
     older = dataclasses.replace(policy, metadata={"settings": settings})
     assert revive(soft, older).settings == settings_for(load("GapBall"), SOFT)
     assert (HybridSettings().action_repeat, CreditSettings().imitation_margin) == (1, 0.0)
+
+
+def test_whatever_the_domain_has_today_it_has_the_default() -> None:
+    for task in (load("MailMaze"), load("GapBall")):
+        default = HybridSettings(low_level=LOW_LEVELS[task.learner]())
+        assert settings_from(task, {}) == default
+        assert settings_from(task, {"num_envs": 5}) == dataclasses.replace(default, num_envs=5)
+        assert settings_from(task, {}, settings_for(task)) == settings_for(task)
 
 
 def test_the_names_that_settings_had_are_read(soft: Registry) -> None:

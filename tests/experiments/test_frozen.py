@@ -8,7 +8,7 @@ import pytest
 
 from freeze import POLICIES
 from paddlectl.experiments.policies import EVALUATION_EPISODES, EVALUATION_SEED, evaluate, revive
-from paddlectl.hybrid.policy import settings_for
+from paddlectl.hybrid.settings import settings_for
 from paddlectl.registry.bundles import bundles
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry

@@ -4,6 +4,7 @@ import dataclasses
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,8 +14,9 @@ from paddlectl.experiments.jobs import TrainJob, TransferJob
 from paddlectl.experiments.policies import evaluate, revive
 from paddlectl.experiments.resuming import job_of
 from paddlectl.experiments.runner import run_transfer, train_source
-from paddlectl.hybrid.policy import settings_for
+from paddlectl.hybrid.settings import DEVIATIONS, presets, settings_for, settings_from
 from paddlectl.learners.td3 import TD3Settings
+from paddlectl.methods.paddle import PADDLE
 from paddlectl.registry.store import Registry
 from paddlectl.report.explanation import explanation_document
 from paddlectl.scenario import load_scenario
@@ -93,9 +95,13 @@ def test_what_is_missing_is_told_with_the_extra(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize("name", ["CoffeeMaze", "MailMaze"])
 def test_the_preset_of_the_paper_takes_every_deviation_back(name: str) -> None:
     task = load(name)
-    usual, paper = settings_for(task), settings_for(task, task.presets["paper"])
+    usual, paper = settings_for(task), presets(task)["paper"]
     assert paper.low_level == TD3Settings() != usual.low_level
     assert (paper.action_repeat, usual.action_repeat) == (1, 20)
+    assert all(theirs != ours for theirs, ours in DEVIATIONS.values())
+    for which, learned_by in enumerate((paper, usual)):
+        values = {name: values[which] for name, values in DEVIATIONS.items()}
+        assert dataclasses.replace(usual.low_level, **values) == learned_by.low_level
 
 
 def test_a_policy_is_revived_by_the_preset_that_it_was_learned_with(maze: Registry, tmp_path: Path) -> None:
@@ -105,12 +111,33 @@ def test_a_policy_is_revived_by_the_preset_that_it_was_learned_with(maze: Regist
         train_source(job, registry, lambda _: None)
         assert job_of(registry.runs()[0]).preset == "paper"
         revived = revive(registry, registry.policy("policy-1"))
-        assert revived.settings == settings_for(task, task.presets["paper"])
+        assert revived.settings == presets(task)["paper"]
     target = load("CoffeeMailMaze")
     assert revive(maze, maze.policy("MailMaze")).settings == settings_for(task)
-    guided = settings_for(target, target.presets["guided"])
+    guided = PADDLE.presets(target)["guided"]
     assert revive(maze, maze.policy("CoffeeMailMaze")).settings == guided
     assert (guided.action_repeat, guided.num_envs) == (5, 1)
+
+
+@pytest.mark.parametrize("preset", [None, "paper", "guided"])
+def test_an_older_policy_has_what_it_lacks_from_its_preset(maze: Registry, preset: str | None) -> None:
+    """Of when policies were kept with the name of their preset, and runs with `hybrid`, by hdm and paddle."""
+    task = load("CoffeeMailMaze")
+    kept = maze.policy(task.name)
+    known: dict[str, Any] = maze.run(kept.run).settings["learning"]
+    written = {name: known[name] for name in ("num_envs", "low_level")}
+    today = {
+        None: settings_for(task),
+        "paper": presets(task)["paper"],
+        "guided": PADDLE.presets(task)["guided"],
+    }
+    for method in ("paddle", "hdm"):
+        record = dataclasses.replace(kept, method=method, metadata={"preset": preset} if preset else {})
+        with pytest.MonkeyPatch.context() as patch:
+            older = dataclasses.replace(maze.run(kept.run), settings={"hybrid": written})
+            patch.setattr(Registry, "run", lambda *_, older=older: older)
+            revived = revive(maze, record).settings
+        assert revived == settings_from(task, written, today[preset])
 
 
 @pytest.mark.parametrize("preset", ["papr", ["paper"]])

@@ -6,7 +6,8 @@ import pytest
 
 from paddlectl.experiments.policies import checkpoint, revive
 from paddlectl.experiments.runner import random_source, run_transfer
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.hybrid.policy import HybridPolicy
+from paddlectl.hybrid.settings import HybridSettings
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 from small_transfer import SHORT, job

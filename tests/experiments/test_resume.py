@@ -25,8 +25,8 @@ from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.runner import train_source
 from paddlectl.experiments.stop import Stop
 from paddlectl.hybrid.agent import HybridAgent
-from paddlectl.hybrid.policy import settings_for
 from paddlectl.hybrid.rollout import Outcome
+from paddlectl.hybrid.settings import settings_for
 from paddlectl.learners import ppo
 from paddlectl.methods import hdm
 from paddlectl.methods.base import Setup

@@ -18,7 +18,7 @@ from paddlectl.experiments import processes
 from paddlectl.experiments.jobs import Begun, Failure, Note, Progress, TrainJob, TransferJob
 from paddlectl.experiments.policies import evaluate, revive
 from paddlectl.experiments.processes import rows_of, run_jobs
-from paddlectl.hybrid.policy import HybridSettings
+from paddlectl.hybrid.settings import HybridSettings
 from paddlectl.logic.syntax import ProgramSyntaxError, parse_program
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario

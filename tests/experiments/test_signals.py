@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from paddlectl.hybrid.policy import HybridSettings
+from paddlectl.hybrid.settings import HybridSettings
 from paddlectl.registry.store import Registry
 from samples import ROOT
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from paddlectl.hybrid.credit import CreditSettings, credit, discounted_returns
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, task_subgoals
+from paddlectl.hybrid.policy import HybridPolicy, task_subgoals
 from paddlectl.hybrid.rollout import PROGRESS, Outcome
+from paddlectl.hybrid.settings import HybridSettings
 from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, OTHER, TASK, TWO
 
 KINDS = pytest.mark.parametrize("planned", [True, False], ids=["planned", "monte-carlo"])

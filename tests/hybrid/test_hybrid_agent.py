@@ -3,7 +3,8 @@
 import numpy as np
 import torch
 
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.hybrid.policy import HybridPolicy
+from paddlectl.hybrid.settings import HybridSettings
 from paddlectl.learners.ppo import PPOSettings
 from paddlectl.methods.base import Setup
 from paddlectl.methods.hdm import HDM

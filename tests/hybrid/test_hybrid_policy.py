@@ -6,7 +6,6 @@ import torch
 
 from paddlectl.hybrid.policy import (
     HybridPolicy,
-    HybridSettings,
     ProgramSelector,
     domain_subgoals,
     sample_rows,
@@ -14,6 +13,7 @@ from paddlectl.hybrid.policy import (
     task_subgoals,
 )
 from paddlectl.hybrid.rollout import PROGRESS
+from paddlectl.hybrid.settings import HybridSettings
 from paddlectl.logic.atoms import Literal
 from paddlectl.logic.clauses import Clause
 from scripted import END, FAR, FAR_SCENE, GT_END, GT_MOON, GT_TWO, MOON, NEAR_SCENE, TASK, TWO

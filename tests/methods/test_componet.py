@@ -137,7 +137,7 @@ def test_a_module_has_so_many_sources_as_the_scenario_whatever_else_is_changed()
 def test_a_setup_without_a_policy_of_each_source_is_refused(count):
     with pytest.raises(UsageError) as told:
         COMPONET.make(setup(*[source(number) for number in range(count)]))
-    assert told.value.message == f"componet needs a policy of each source of Corridor, and has {count}"
+    assert told.value.message == f"componet needs 2 sources for Corridor, and has {count or 'none'}"
     assert told.value.hint.startswith("learn it alone: paddlectl train Corridor --method ")
 
 

@@ -299,7 +299,7 @@ def test_td3_is_drawn_to_a_source_that_does_what_is_valued(monkeypatch):
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_a_source_it_is_refused(kind):
     task = load(KINDS[kind][0])
-    with pytest.raises(UsageError, match=f"no source for {task.name}") as told:
+    with pytest.raises(UsageError, match=f"cup needs a source for {task.name}, and has none") as told:
         CUP.make(Setup(task, CUP.settings_for(task, None), 0, 1000))
     method = told.value.hint.split()[-1]
     assert told.value.hint.endswith(f"paddlectl train {task.name} --method {method}")

@@ -3,10 +3,13 @@
 import pytest
 import torch
 
+from paddlectl.errors import UsageError
 from paddlectl.learners.clauses import ClauseLearner
 from paddlectl.logic.atoms import Predicate
 from paddlectl.logic.templates import scenes
-from paddlectl.methods.finetune import take_clauses
+from paddlectl.methods.base import Setup
+from paddlectl.methods.finetune import FINETUNE, take_clauses
+from paddlectl.tasks.suite import load
 from scripted import FAR, GT_END, GT_MOON, GT_OTHER, GT_TWO
 
 LIT = Predicate("lit", 0)()
@@ -51,6 +54,15 @@ def test_what_does_not_match_is_left_as_it_was(atoms, heads):
     target, source = clauses((FAR,), (GT_END, GT_TWO), 0), clauses(atoms, heads, 100)
     take_clauses(target, source)
     assert target.weights.tolist() == [[0, 1], [2, 3]]
+
+
+@pytest.mark.parametrize("name", ["BoxDoor", "MailMaze"])
+def test_without_a_source_it_is_refused(name):
+    task = load(name)
+    with pytest.raises(UsageError) as told:
+        FINETUNE.make(Setup(task, FINETUNE.settings_for(task, None), 0, 100))
+    assert told.value.message == f"finetune needs a source for {name}, and has none"
+    assert told.value.hint == f"learn it alone: paddlectl train {name} --method hdm"
 
 
 def test_the_source_stays_as_it_is():

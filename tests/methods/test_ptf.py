@@ -278,10 +278,10 @@ def test_the_target_comes_to_do_as_its_source():
 @pytest.mark.parametrize("name", ["BoxDoor", MAZE])
 def test_without_sources_it_is_refused(name):
     task, method = load(name), method_of("ptf")
-    with pytest.raises(UsageError, match="ptf needs a source") as told:
+    with pytest.raises(UsageError, match=f"ptf needs a source for {name}, and has none") as told:
         method.make(Setup(task, method.settings_for(task, None), 0, 100))
     kind = {"BoxDoor": "ppo", MAZE: "td3"}[name]
-    assert told.value.hint == f"learn one: paddlectl train {name} --method {kind}"
+    assert told.value.hint == f"learn it alone: paddlectl train {name} --method {kind}"
 
 
 def test_its_settings_are_closed():

@@ -17,7 +17,7 @@ from paddlectl.cli.completion import stopped_names, transfer_names
 from paddlectl.errors import IntegrityError, UsageError
 from paddlectl.experiments.jobs import TransferJob
 from paddlectl.experiments.resuming import job_of
-from paddlectl.hybrid.policy import settings_for
+from paddlectl.hybrid.settings import settings_for
 from paddlectl.methods.catalogue import METHODS
 from paddlectl.registry import fields
 from paddlectl.registry.bundles import bundles

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from paddlectl.errors import NotFoundError
-from paddlectl.hybrid.policy import settings_for
+from paddlectl.hybrid.settings import settings_for
 from paddlectl.logic.atoms import Literal
 from paddlectl.logic.templates import scenes
 from paddlectl.tasks import suite

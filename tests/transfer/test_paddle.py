@@ -9,8 +9,9 @@ import torch
 
 from paddlectl.agents.evaluation import evaluate
 from paddlectl.agents.interaction import Learning
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.hybrid.policy import HybridPolicy
 from paddlectl.hybrid.rollout import PROGRESS, DecisionSettings, Outcome
+from paddlectl.hybrid.settings import HybridSettings
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseSettings
 from paddlectl.learners.ppo import PPO, PPOSettings

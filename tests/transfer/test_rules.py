@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings
+from paddlectl.hybrid.policy import HybridPolicy
 from paddlectl.hybrid.rollout import PROGRESS
+from paddlectl.hybrid.settings import HybridSettings
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program

@@ -13,6 +13,7 @@ EXAMPLE = "Example: paddlectl tasks --json"
 
 def tasks(as_json: AsJson = False) -> None:
     """List the tasks that can be trained on and transferred to."""
+    from paddlectl.methods.catalogue import METHODS
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TASKS, table
     from paddlectl.tasks.suite import usable
@@ -25,7 +26,7 @@ def tasks(as_json: AsJson = False) -> None:
             "heads": [str(subgoal) for subgoal in task.subgoals],
             "vocabulary": [str(atom) for atom in task.vocabulary.atoms],
             "summary": task.summary,
-            "presets": list(task.presets),
+            "presets": list(METHODS["hdm"].presets.get(task.domain, ())),
         }
         for task in usable(_tell)
     ]

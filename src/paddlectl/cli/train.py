@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from paddlectl.cli.running import Ended
     from paddlectl.experiments.jobs import TrainJob
+    from paddlectl.tasks.base import Task
 
 EXAMPLE = "Example: paddlectl train BlockedDoor GapBall --seed 0"
 
@@ -90,24 +91,18 @@ def train_jobs(
     """One job for each task and seed, the tasks of one seed together.
 
     Raises:
-        NotFoundError: If there is no such task, or one of them has no such preset.
+        NotFoundError: If there is no such task, or the method has no such preset for one of them.
         UsageError: If there is no such method, or it is none for a source.
     """
     from paddlectl.methods.catalogue import alone, entry_of, require_actions
-    from paddlectl.tasks.base import GUIDED
     from paddlectl.tasks.suite import load
 
-    known = {load(task).name: sorted({*load(task).presets} - {GUIDED}) for task in tasks}
-    for name, presets in known.items():
-        if preset is not None and preset not in presets:
-            has = f"its presets: {', '.join(presets)}" if presets else "it has none: leave out --preset"
-            raise NotFoundError(f"{name} has no preset {preset}", has)
-
+    known = {task.name: task for task in map(load, tasks)}
     if entry_of(method, alone).teaches:
         raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {', '.join(alone())}")
-
-    for name in known:
-        require_actions(method, load(name), alone)
+    for task in known.values():
+        require_actions(method, task, alone)
+        _require_preset(method, task, preset)
 
     from paddlectl.experiments.jobs import TrainJob
 
@@ -116,6 +111,23 @@ def train_jobs(
         for seed in seeds
         for name in known
     ]
+
+
+def _require_preset(method: str, task: "Task", preset: str | None) -> None:
+    from paddlectl.methods.catalogue import entry_of, usable
+    from paddlectl.registry.names import shown
+
+    has = entry_of(method).presets.get(task.domain, ())
+    if preset is None or preset in has:
+        return
+    others = [
+        name
+        for name, entry in usable().items()
+        if preset in entry.presets.get(task.domain, ()) and not entry.teaches
+    ]
+    hint = f"its presets: {', '.join(has)}" if has else "it has none: leave out --preset"
+    more = f", or take another method: {', '.join(others)}" if others else ""
+    raise NotFoundError(f"{method} has no preset {shown(preset)} for {task.name}", hint + more)
 
 
 def run_training(
@@ -128,13 +140,20 @@ def run_training(
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.cli.running import Asked, run
     from paddlectl.registry.store import Registry
-    from paddlectl.tasks.suite import load
 
     Registry.open(registry).close()  # a place that can't be used is told before anything is trained
 
     with stdout_kept():
-        asked = []
-        for job in jobs:
-            frames = job.frames or load(job.task).frames(job.preset)
-            asked.append(Asked(job, f"{job.task} seed {job.seed}", "train", job.method, job.task, frames))
+        asked = [
+            Asked(job, f"{job.task} seed {job.seed}", "train", job.method, job.task, _budget(job))
+            for job in jobs
+        ]
         return run(asked, registry, checkpoint_every, at_a_time)
+
+
+def _budget(job: "TrainJob") -> int:
+    if job.frames is not None:
+        return job.frames
+    from paddlectl.experiments.runner import budget_of  # loads torch
+
+    return budget_of(job)

@@ -14,7 +14,7 @@ class TrainJob:
     Attributes:
         frames: None is the usual budget.
         changes: What shall differ from the method's usual settings, as `{"credit": {"planned": False}}`.
-        preset: One of the task's, instead of what fits it best.
+        preset: One of the method's for the task, instead of its usual settings.
         method: By which.
     """
 

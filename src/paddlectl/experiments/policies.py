@@ -128,13 +128,14 @@ def _settings_of(registry: Registry, record: PolicyRecord, task: Task, method: M
 
     Raises:
         IntegrityError: If this version can't read them.
-        KeyError: If the task has no such preset.
+        KeyError: If there is no such preset for the task.
     """
     stored, today = record.metadata.get("settings"), None
     if stored is None:
         stored = registry.run(record.run).settings.get("hybrid", {})
-        chosen = record.metadata.get("preset")
-        today = method_of("hdm").settings_for(task, None, task.presets[chosen] if chosen else {})
+        chosen, hdm = record.metadata.get("preset"), method_of("hdm")
+        presets = {**method_of("paddle").presets(task), **hdm.presets(task)}  # of all methods that there were
+        today = presets[chosen] if chosen else hdm.settings_for(task, None)
     try:
         return method.settings_from(task, stored, today)
     except ValueError as error:

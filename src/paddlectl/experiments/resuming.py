@@ -11,6 +11,7 @@ from paddlectl.experiments.checkpointer import Checkpointer, require_resumable
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.policies import needs_of
 from paddlectl.experiments.runner import run_transfer, train_source
+from paddlectl.methods.base import Method
 from paddlectl.registry import fields
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
@@ -52,7 +53,8 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
         frames = _budget(told["frames"])
         changes = dataclasses.asdict(method.settings_from(task, told["learning"]))
         if run.kind == "train":
-            return TrainJob(run.task, run.seed, frames, changes, _preset(task, told["preset"]), method.name)
+            preset = _preset(method, task, told["preset"])
+            return TrainJob(run.task, run.seed, frames, changes, preset, method.name)
         return TransferJob(
             scenario=_scenario(told["scenario"]),
             sources=run.sources,
@@ -69,8 +71,8 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
         ) from error
 
 
-def _preset(task: Task, name: Any) -> str | None:
-    if name is not None and name not in task.presets:
+def _preset(method: Method, task: Task, name: Any) -> str | None:
+    if name is not None and name not in method.presets(task):
         raise ValueError(f"there is no preset {str(name)[:60]!r}")
     return None if name is None else str(name)
 

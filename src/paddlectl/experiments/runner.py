@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from paddlectl.agents.interaction import Learning
+from paddlectl.agents.settings import changed
 from paddlectl.errors import IntegrityError, InvalidFileError
 from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.curves import curve_figures
@@ -39,9 +40,7 @@ def train_source(
     """
     task, method = load(job.task), method_of(job.method)
     require_actions(method.name, task)
-    chosen = task.presets[job.preset] if job.preset else {}
-    settings = method.settings_for(task, None, chosen, job.changes)
-    frames = job.frames or settings.frames
+    settings, frames = settings_of(job), budget_of(job)
     checkpointer = checkpointer or Checkpointer()
     run = checkpointer.begin(
         registry,
@@ -72,6 +71,23 @@ def train_source(
         "mean_score": kept.mean_score,
         "crispness": kept.crispness,
     }
+
+
+def settings_of(job: TrainJob) -> Any:
+    """The method's numbers that a source is learned by.
+
+    Raises:
+        KeyError: If the method has no such preset for the task.
+    """
+    task, method = load(job.task), method_of(job.method)
+    if job.preset is None:
+        return method.settings_for(task, None, job.changes)
+    return changed(method.presets(task)[job.preset], job.changes)
+
+
+def budget_of(job: TrainJob) -> int:
+    """Most environment steps that a source is learned with."""
+    return job.frames or int(settings_of(job).frames)
 
 
 def run_transfer(

@@ -1,82 +1,27 @@
 """The hybrid decision model: a logic program picks a subgoal, a learner reaches it."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from paddlectl.agents.settings import changed, restored
-from paddlectl.hybrid.credit import Credit, CreditSettings, credit
-from paddlectl.hybrid.rollout import PROGRESS, DecisionSettings, Rollout
-from paddlectl.learners.base import Learner, LearnerSettings
+from paddlectl.hybrid.credit import Credit, credit
+from paddlectl.hybrid.rollout import PROGRESS, Rollout
+from paddlectl.hybrid.settings import HybridSettings
+from paddlectl.learners.base import Learner
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
-from paddlectl.learners.clauses import ClauseLearner, ClauseSettings
-from paddlectl.learners.ppo import PPOSettings
-from paddlectl.learners.td3 import TD3Settings
+from paddlectl.learners.clauses import ClauseLearner
 from paddlectl.logic.clauses import Clause, Program
 from paddlectl.logic.templates import scenes
-from paddlectl.tasks.base import FRAMES, Bools, Floats, Ints, Task
+from paddlectl.tasks.base import Bools, Floats, Ints, Task
 
 ON_PATH = 0.05
 """A scene is on a policy's path if at least this share of its episodes come through it."""
 
 EXECUTED = 0.1
 """Execution probability from which a clause belongs to the synthesised program (method, section 4)."""
-
-
-@dataclass(frozen=True)
-class HybridSettings:
-    """Every number of the hybrid model.
-
-    Attributes:
-        frames: Of a source's training. PPO's learning rate falls to its end, so there is no stopping early.
-        num_envs: Environments side by side.
-        rollout_steps: Steps of every environment between two updates. Twice as many updates of half the
-            samples cost the same and learn faster.
-        action_repeat: Steps of the task that one action of the low level lasts.
-        sharpness: Power of the subgoal probabilities when a learned program is played.
-    """
-
-    frames: int = FRAMES
-    num_envs: int = 64
-    rollout_steps: int = 32
-    action_repeat: int = 1
-    sharpness: float = 3.0
-    credit: CreditSettings = field(default_factory=CreditSettings)
-    clauses: ClauseSettings = field(default_factory=ClauseSettings)
-    low_level: LearnerSettings = field(default_factory=PPOSettings)
-    decisions: DecisionSettings = field(default_factory=DecisionSettings)
-
-
-LOW_LEVELS: Mapping[str, type[LearnerSettings]] = {"ppo": PPOSettings, "td3": TD3Settings}
-
-
-def settings_for(task: Task, *changes: Mapping[str, Any]) -> HybridSettings:
-    """The usual settings with those of the task and then with `changes`, `{"credit": {"planned": False}}`."""
-    settings = _usual(task)
-    for wanted in (task.settings, *changes):
-        settings = changed(settings, wanted)
-    return settings
-
-
-def settings_from(task: Task, stored: Any, missing: HybridSettings | None = None) -> HybridSettings:
-    """The settings that `dataclasses.asdict` made `stored` of, also by way of JSON, which has no tuples.
-
-    A name that isn't there came later: it has its value in `missing`, or the usual one, whatever the task
-    changes today.
-
-    Raises:
-        ValueError: If there is a name that this version doesn't know, or a value of another kind.
-    """
-    settings: HybridSettings = restored(missing or _usual(task), stored, "settings")
-    return settings
-
-
-def _usual(task: Task) -> HybridSettings:
-    return HybridSettings(low_level=LOW_LEVELS[task.learner]())
 
 
 class HybridPolicy:

@@ -28,7 +28,7 @@ OPTIMISERS = {"adam": torch.optim.Adam, "rmsprop": torch.optim.RMSprop}
 class TD3Settings:
     """Table 1's values where it has them, the TD3 paper's for the others: the preset `paper`.
 
-    What stands below `capacity` is in neither and is off here; a task may ask for it.
+    What stands below `capacity` is in neither and is off here; a domain may ask for it.
 
     Attributes:
         learning_rate: Of both networks.

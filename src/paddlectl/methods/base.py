@@ -1,14 +1,15 @@
 """What a method is: how to make an agent that learns a task, and how to revive what it learned."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any, NamedTuple
 
 from paddlectl.agents.base import Agent, Policy
 from paddlectl.agents.settings import changed, restored
+from paddlectl.errors import UsageError
 from paddlectl.logic.clauses import Program
-from paddlectl.methods.catalogue import PLUGINS, entry_of
+from paddlectl.methods.catalogue import PLUGINS, entry_of, teacher_of
 from paddlectl.plugins import attribute, require_kind
 from paddlectl.tasks.base import Task
 
@@ -49,6 +50,26 @@ class Setup(NamedTuple):
     rules: Any = None
 
 
+def require_sources(name: str, setup: Setup, count: int | None = None) -> None:
+    """Refuses a setup without the sources that a method needs.
+
+    Args:
+        name: Of the method.
+        setup: What it is to be made of.
+        count: How many it needs; None is one or more.
+
+    Raises:
+        UsageError: If they aren't there; with the command that learns the task without any.
+    """
+    given, task = len(setup.sources), setup.task.name
+    if not given or given != (count or given):
+        needed = f"{count} sources" if count and count > 1 else "a source"
+        raise UsageError(
+            f"{name} needs {needed} for {task}, and has {given or 'none'}",
+            f"learn it alone: paddlectl train {task} --method {teacher_of(name, setup.task)}",
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Method:
     """What a method of the catalogue does.
@@ -61,6 +82,7 @@ class Method:
         make: Its agent.
         policy: One that has learned nothing, to take tensors.
         rules_for: How it reuses sources on a task; None if its settings tell all.
+        presets: Other settings than the usual for a task, by the names that its `Entry` has for the domain.
     """
 
     name: str
@@ -69,6 +91,7 @@ class Method:
     make: Callable[[Setup], Agent]
     policy: Callable[[Task, int, Any], Policy]
     rules_for: Callable[[Task], Any] = lambda _: None
+    presets: Callable[[Task], Mapping[str, Any]] = lambda _: {}
 
     @classmethod
     def of_settings(
@@ -88,6 +111,7 @@ class Method:
         usual: Callable[[Task], Any],
         make: Callable[[Setup], Agent],
         policy: Callable[[Task, int, Any], Policy],
+        presets: Callable[[Task], Mapping[str, Any]] = lambda _: {},
     ) -> "Method":
         """One whose usual settings depend on the task, and on no scenario."""
         return cls(
@@ -98,6 +122,7 @@ class Method:
             ),
             make=make,
             policy=policy,
+            presets=presets,
         )
 
 

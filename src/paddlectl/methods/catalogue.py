@@ -7,6 +7,7 @@ an `Entry`.
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from paddlectl.errors import PaddlectlError, UsageError
@@ -27,12 +28,14 @@ class Entry(NamedTuple):
         teaches: The methods whose policies it reuses, those of the one that can act on the task; none if it
             reuses none.
         actions: Which actions it can choose, of `discrete` and `continuous`.
+        presets: The names of its `Method.presets`, by domain.
     """
 
     where: str
     summary: str
     teaches: tuple[str, ...]
     actions: frozenset[str]
+    presets: Mapping[str, tuple[str, ...]] = MappingProxyType({})
 
 
 _ANY = frozenset({"discrete", "continuous"})
@@ -43,18 +46,21 @@ METHODS: Mapping[str, Entry] = {
         "logic and performance similarity pick a source that acts; the hybrid model learns",
         ("hdm",),
         _ANY,
+        {"maze2d": ("guided",)},
     ),
     "hdm": Entry(
         "paddlectl.methods.hdm:HDM",
         "the hybrid model from scratch: a logic program picks subgoals, PPO or TD3 reaches them",
         (),
         _ANY,
+        {"maze2d": ("paper",)},
     ),
     "hdqn": Entry(
         "paddlectl.methods.hdqn:HDQN",
         "a DQN picks subgoals, the hybrid model's low level reaches them",
         (),
         _ANY,
+        {"maze2d": ("paper",)},
     ),
     "finetune": Entry(
         "paddlectl.methods.finetune:FINETUNE",
@@ -143,6 +149,9 @@ def entry_of(name: str, offered: Callable[[], Sequence[str]] = names) -> Entry:
         require_kind(entry.teaches, tuple)
         if not entry.actions or not entry.actions <= _ANY:
             raise ValueError(f"actions can't be {entry.actions!r}")
+        require_kind(entry.presets, Mapping)
+        for presets in entry.presets.values():
+            require_kind(presets, tuple)
     return entry
 
 

@@ -17,12 +17,11 @@ import torch
 
 from paddlectl.agents.flat import FlatPolicy, FlatSettings, ReusingAgent
 from paddlectl.agents.settings import changed, restored
-from paddlectl.errors import UsageError
 from paddlectl.learners.componet import CompoNet, Composition
 from paddlectl.learners.networks import mlp
 from paddlectl.learners.ppo import PPO, PPOSettings
 from paddlectl.methods import flat
-from paddlectl.methods.base import Method, Setup
+from paddlectl.methods.base import Method, Setup, require_sources
 from paddlectl.tasks.base import Environment, Floats, Task
 
 TOLD_EVERY = 8
@@ -110,13 +109,8 @@ def make(setup: Setup) -> CompoNetAgent:
     Raises:
         UsageError: If there isn't a policy of each of them.
     """
-    task, given = setup.task, len(setup.sources)
-    if not given or given != setup.settings.learner.modules:
-        raise UsageError(
-            f"componet needs a policy of each source of {task.name}, and has {given}",
-            f"learn it alone: paddlectl train {task.name} --method {task.learner}",
-        )
-    policy = FlatPolicy(task, setup.seed, setup.settings)
+    require_sources("componet", setup, setup.settings.learner.modules)
+    policy = FlatPolicy(setup.task, setup.seed, setup.settings)
     rng = np.random.default_rng(np.random.SeedSequence(setup.seed).spawn(2)[1])
     sources: dict[str, Any] = {source.id: source.policy for source in setup.sources}
     return CompoNetAgent(policy, rng, sources, setup.frames)

@@ -19,13 +19,12 @@ import numpy as np
 import torch
 
 from paddlectl.agents.flat import FlatPolicy, FlatSettings, ReusingAgent
-from paddlectl.errors import UsageError
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.learners.networks import gradient_step, mlp
 from paddlectl.learners.ppo import PPO
 from paddlectl.learners.replay import Transitions
 from paddlectl.learners.td3 import TD3
-from paddlectl.methods.base import Method, Setup
+from paddlectl.methods.base import Method, Setup, require_sources
 from paddlectl.methods.flat import USUAL
 from paddlectl.tasks.base import Environment, Task
 
@@ -279,12 +278,8 @@ def make(setup: Setup) -> CUPAgent:
     Raises:
         UsageError: If there are none.
     """
+    require_sources("cup", setup)
     task = setup.task
-    if not setup.sources:
-        raise UsageError(
-            f"cup has no source for {task.name}",
-            f"learn it alone: paddlectl train {task.name} --method {task.learner}",
-        )
     policy = FlatPolicy(task, setup.seed, setup.settings)
     rng = np.random.default_rng(np.random.SeedSequence(setup.seed).spawn(2)[1])
     sources = {source.id: cast(FlatPolicy, source.policy) for source in setup.sources}

@@ -16,11 +16,11 @@ import numpy as np
 import torch
 
 from paddlectl.agents.evaluation import evaluate
-from paddlectl.errors import UsageError
 from paddlectl.hybrid.agent import HybridAgent
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, ProgramSelector, settings_for, settings_from
+from paddlectl.hybrid.policy import HybridPolicy, ProgramSelector
+from paddlectl.hybrid.settings import HybridSettings, settings_for, settings_from
 from paddlectl.learners.clauses import ClauseLearner
-from paddlectl.methods.base import Method, Setup
+from paddlectl.methods.base import Method, Setup, require_sources
 from paddlectl.tasks.base import Task
 
 TRIALS = 64
@@ -43,9 +43,12 @@ class FinetuneAgent(HybridAgent):
 
 
 def make(setup: Setup) -> FinetuneAgent:
-    """The target as the best of its sources would start it."""
-    if not setup.sources:
-        raise UsageError("finetune needs a source")
+    """The target as the best of its sources would start it.
+
+    Raises:
+        UsageError: Without sources.
+    """
+    require_sources("finetune", setup)
     starts = {source.id: start_from(source.policy, setup) for source in setup.sources}
     solved = {
         name: evaluate(start, setup.task, TRIALS, setup.seed, "training").success_rate

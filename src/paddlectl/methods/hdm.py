@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from paddlectl.hybrid.agent import HybridAgent
-from paddlectl.hybrid.policy import HybridPolicy, HybridSettings, ProgramSelector, settings_for, settings_from
+from paddlectl.hybrid.policy import HybridPolicy, ProgramSelector
+from paddlectl.hybrid.settings import HybridSettings, presets, settings_for, settings_from
 from paddlectl.methods.base import Method, Setup
 from paddlectl.tasks.base import Task
 
@@ -31,4 +32,5 @@ HDM = Method(
     settings_from=settings_from,
     make=make,
     policy=HybridPolicy,
+    presets=presets,
 )

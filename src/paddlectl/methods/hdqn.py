@@ -16,8 +16,9 @@ import torch
 from numpy.typing import NDArray
 
 from paddlectl.agents.base import Episode, ReuseRow, Tables
-from paddlectl.hybrid.policy import domain_subgoals, settings_for, task_subgoals
+from paddlectl.hybrid.policy import domain_subgoals, task_subgoals
 from paddlectl.hybrid.rollout import DecisionSettings, Outcome, Rollout
+from paddlectl.hybrid.settings import HybridSettings, presets, settings_for
 from paddlectl.learners.base import Learner, LearnerSettings
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.learners.clauses import ClauseLearner, ClauseSettings
@@ -244,8 +245,7 @@ def make(setup: Setup) -> HDQNAgent:
     return HDQNAgent(HDQNPolicy(setup.task, setup.seed, setup.settings), setup.seed)
 
 
-def _usual(task: Task) -> HDQNSettings:
-    hybrid = settings_for(task)
+def _like(hybrid: HybridSettings) -> HDQNSettings:
     return HDQNSettings(
         hybrid.frames,
         hybrid.num_envs,
@@ -257,4 +257,10 @@ def _usual(task: Task) -> HDQNSettings:
     )
 
 
-HDQN = Method.of_usual("hdqn", _usual, make, HDQNPolicy)
+HDQN = Method.of_usual(
+    "hdqn",
+    lambda task: _like(settings_for(task)),
+    make,
+    HDQNPolicy,
+    lambda task: {name: _like(hybrid) for name, hybrid in presets(task).items()},
+)

@@ -24,12 +24,11 @@ import numpy as np
 import torch
 
 from paddlectl.agents.flat import FlatPolicy, FlatSettings, ReusingAgent
-from paddlectl.errors import UsageError
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.learners.networks import gradient_step, mlp
 from paddlectl.learners.replay import Hindsight, Replay, Transitions
 from paddlectl.methods import flat
-from paddlectl.methods.base import Method, Setup
+from paddlectl.methods.base import Method, Setup, require_sources
 from paddlectl.tasks.base import Bools, Environment, Floats, Ints, Task
 
 
@@ -356,9 +355,7 @@ def make(setup: Setup) -> PTFAgent:
     Raises:
         UsageError: Without sources.
     """
-    if not setup.sources:
-        command = f"paddlectl train {setup.task.name} --method {setup.task.learner}"
-        raise UsageError("ptf needs a source", f"learn one: {command}")
+    require_sources("ptf", setup)
     continuous = setup.task.make(1, 0).actions.continuous
     return PTFOverTD3(setup) if continuous else PTFOverPPO(setup)
 

@@ -1,17 +1,13 @@
 """What a task is to the rest of the package: symbols, subgoals, and a batch of environments."""
 
 import typing
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from paddlectl.logic.atoms import Atom, Literal
-
-GUIDED = "guided"
-"""The preset of a task, if it has one, by which it is learned from guides."""
 
 Split = typing.Literal["training", "evaluation"]
 """Layouts are split by value: an eighth of them is for evaluation alone and is never drawn in training."""
@@ -191,9 +187,7 @@ class Task:
         domain_subgoals: All subgoals of the domain; fixes the order of the one-hot in observations.
         make: Its environments.
         learner: Of the low level that fits its actions, `ppo` or `td3`.
-        guidance: Where guidance on it differs from `GuidanceSettings`.
-        settings: Where learning it differs from `HybridSettings`, as `{"decisions": {"max_steps": 500}}`.
-        presets: Other ways to learn it, by name, as what differs from `settings`.
+        frames: The usual budget of learning it, in environment steps; a method may have its own.
     """
 
     name: str
@@ -205,11 +199,4 @@ class Task:
     domain_subgoals: tuple[Atom, ...]
     make: Make
     learner: str = "ppo"
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    presets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    guidance: Mapping[str, Any] = field(default_factory=dict)
-
-    def frames(self, preset: str | None = None) -> int:
-        """The usual budget of learning it, in environment steps."""
-        changes = self.presets[preset] if preset else {}
-        return int({"frames": FRAMES, **self.settings, **changes}["frames"])
+    frames: int = FRAMES

@@ -3,9 +3,7 @@
 `env.PaddleMazeEnv` is the same definition on gymnasium-robotics' PointMaze; a test holds both to it.
 """
 
-from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +12,6 @@ from paddlectl.tasks.maze2d import symbols
 from paddlectl.tasks.maze2d.layouts import HORIZON, PLACES, RADIUS, SPECS, Points, Spec, draw_starts
 from paddlectl.tasks.maze2d.observe import FLAT_SIZE, OBSERVATION_SIZE, flat_state, observe
 from paddlectl.tasks.maze2d.physics import PointMasses
-from paddlectl.tasks.maze2d.settings import GUIDANCE, PRESETS, SETTINGS, USUAL
 
 ERRAND_REWARD = 10.0
 """For getting a thing, and again for delivering it."""
@@ -149,11 +146,11 @@ def _touched(positions: Points) -> Bools:
 
 def make_task(name: str) -> Task:
     """The task of that name."""
-    return task_of(SPECS[name], SETTINGS[name])
+    return task_of(SPECS[name])
 
 
-def task_of(spec: Spec, settings: Mapping[str, Any] = USUAL) -> Task:
-    """A task of that kind, learned with these settings."""
+def task_of(spec: Spec) -> Task:
+    """A task of that kind."""
     return Task(
         name=spec.name,
         domain="maze2d",
@@ -164,7 +161,5 @@ def task_of(spec: Spec, settings: Mapping[str, Any] = USUAL) -> Task:
         domain_subgoals=symbols.SUBGOALS,
         make=partial(Engine, spec),
         learner="td3",
-        settings=settings,
-        presets=PRESETS,
-        guidance=GUIDANCE,
+        frames=spec.frames,
     )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paddlectl.logic.atoms import Atom
-from paddlectl.tasks.base import Bools, Split
+from paddlectl.tasks.base import FRAMES, Bools, Split
 from paddlectl.tasks.maze2d import symbols as s
 from paddlectl.tasks.split import belongs
 
@@ -60,6 +60,7 @@ class Spec:
         delivered: Facts that solve the task once the ball is touched.
         atoms: The vocabulary, in order.
         subgoals: The subgoals that programs may name.
+        frames: The usual budget of learning it.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Spec:
     delivered: s.Fact
     atoms: tuple[Atom, ...]
     subgoals: tuple[Atom, ...]
+    frames: int = FRAMES
 
 
 SPECS = {
@@ -78,6 +80,7 @@ SPECS = {
             delivered=s.Fact.COFFEE_DELIVERED,
             atoms=(s.COFFEE_IN_HAND, s.COFFEE_DELIVERED),
             subgoals=(s.GT_COFFEE, s.GT_COFFEE_OFFICE, s.GT_BALL),
+            frames=4_000_000,
         ),
         Spec(
             name="MailMaze",
@@ -85,6 +88,7 @@ SPECS = {
             delivered=s.Fact.MAIL_DELIVERED,
             atoms=(s.MAIL_IN_HAND, s.MAIL_DELIVERED),
             subgoals=(s.GT_MAIL, s.GT_MAIL_OFFICE, s.GT_BALL),
+            frames=2_000_000,
         ),
         Spec(
             name="CoffeeMailMaze",
@@ -92,6 +96,7 @@ SPECS = {
             delivered=s.Fact.COFFEE_DELIVERED | s.Fact.MAIL_DELIVERED,
             atoms=s.ATOMS,
             subgoals=s.SUBGOALS,
+            frames=4_000_000,
         ),
     )
 }
