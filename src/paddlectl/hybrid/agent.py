@@ -46,6 +46,7 @@ class HybridAgent:
             selector,
             actors,
             settings.decisions,
+            settings.low_level.discount,
             learner.buffer(settings.rollout_steps, settings.num_envs),
             rng,
             [*listeners, self.credit],

@@ -85,6 +85,7 @@ class HybridPolicy:
             ProgramSelector(self, choices, self.settings.sharpness),
             [self.low_level.eval_actor()],
             self.settings.decisions,
+            self.settings.low_level.discount,
             self.buffer(1, environments),
             actions,
         )

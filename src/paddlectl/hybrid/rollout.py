@@ -36,6 +36,9 @@ class DecisionSettings:
         reached_reward: Intrinsic reward for reaching the subgoal at once …
         delay_cost: … less this, times the share of `max_steps` that was used.
         failed_reward: Intrinsic reward when a decision ends in any other way.
+        shaping: Potential-based shaping (Ng, Harada & Russell, 1999) of the intrinsic reward: γΦ(s') - Φ(s) is
+            added, with Φ = -shaping · steps to what the subgoal acts on, and 0 after a decision's end. It
+            leaves the best policy as it is, and tells the low level at each step whether it comes nearer.
     """
 
     max_steps: int = 50
@@ -44,6 +47,7 @@ class DecisionSettings:
     reached_reward: float = 1.0
     delay_cost: float = 0.5
     failed_reward: float = -0.1
+    shaping: float = 0.0
 
 
 class Outcome(NamedTuple):
@@ -109,6 +113,7 @@ class Rollout:
         selector: Picks guide and subgoal.
         actors: The low level of each guide; the learning policy's first.
         settings: When a decision ends.
+        discount: γ of the low level.
         buffer: Where the low level's samples go, step after step; then from the start again.
         rng: Of what the actors leave to chance.
         listeners: Learn from every decision that ended.
@@ -121,6 +126,7 @@ class Rollout:
         selector: SubgoalSelector,
         actors: Sequence[Actor],
         settings: DecisionSettings,
+        discount: float,
         buffer: RolloutBuffer,
         rng: np.random.Generator,
         listeners: Sequence[DecisionListener] = (),
@@ -130,6 +136,7 @@ class Rollout:
         self._selector = selector
         self._actors = actors
         self._settings = settings
+        self._discount = np.float32(discount)
         self._rng = rng
         self._listeners = listeners
         self._t = 0
@@ -138,6 +145,7 @@ class Rollout:
         self._since = np.zeros(num_envs, np.intp)
         self._steps = np.zeros(num_envs, np.intp)
         self._limit = np.zeros(num_envs, np.intp)
+        self._potential = np.zeros(num_envs, np.float32)
         self._reward = np.zeros(num_envs, np.float32)
         self._progress = np.zeros(num_envs, np.intp)
         self._pending = np.ones(num_envs, np.bool_)
@@ -152,6 +160,7 @@ class Rollout:
             self._scene = self._reader.scenes(environment.valuation())
         self._decide(environment)
         observations = environment.observe(self._subgoal)
+        self._potential = self._potentials(environment)
         buffer, t = self.buffer, self._t
         buffer.observations[t] = observations
         buffer.guides[t] = self._guide
@@ -169,7 +178,9 @@ class Rollout:
         cut = step.truncated & ~over
         ends = over | cut
         prompt = settings.reached_reward - settings.delay_cost * self._steps / settings.max_steps
-        buffer.rewards[t] = np.where(reached, prompt, np.where(over, settings.failed_reward, 0.0))
+        intrinsic = np.where(reached, prompt, np.where(over, settings.failed_reward, 0.0))
+        following = np.where(over, np.float32(0.0), self._potentials(environment))
+        buffer.rewards[t] = intrinsic + self._discount * following - self._potential
         buffer.ends[t] = ends
         buffer.reached[t] = reached
         buffer.cut[t] = cut
@@ -191,6 +202,12 @@ class Rollout:
     def scenes(self, lane: int) -> tuple[int, ...]:
         """The scenes that the episode came through which has just ended there."""
         return self._ended[lane]
+
+    def _potentials(self, environment: Environment) -> Floats:
+        """Φ of each lane's state under its present subgoal. [B]"""
+        if not self._settings.shaping:
+            return np.zeros(len(self._subgoal), np.float32)
+        return -np.float32(self._settings.shaping) * environment.distance(self._subgoal)
 
     def _decide(self, environment: Environment) -> None:
         lanes = np.flatnonzero(self._pending)

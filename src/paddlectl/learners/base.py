@@ -47,7 +47,14 @@ class Learner(Actor, Protocol):
 
 
 class LearnerSettings(Protocol):
-    """The numbers of a learner, and how to make one of them."""
+    """The numbers of a learner, and how to make one of them.
+
+    Attributes:
+        discount: γ per action.
+    """
+
+    @property
+    def discount(self) -> float: ...
 
     def learner(self, observation_size: int, actions: int, seed: int) -> Learner:
         """A new learner.

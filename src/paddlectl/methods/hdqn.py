@@ -100,8 +100,17 @@ class HDQNPolicy:
         reader = ClauseLearner(atoms, scenes(atoms, task.vocabulary.exclusions), task.subgoals, 0)
         buffer = RolloutBuffer.empty(steps, environments, *self._sizes)
         listeners = [selector] if selector.learns else []
+        settings = self.settings
         return Rollout(
-            environments, reader, selector, [actor], self.settings.decisions, buffer, rng, listeners
+            environments,
+            reader,
+            selector,
+            [actor],
+            settings.decisions,
+            settings.low_level.discount,
+            buffer,
+            rng,
+            listeners,
         )
 
     def played_program(self, passed: Ints, episodes: int) -> tuple[None, None]:

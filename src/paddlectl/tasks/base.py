@@ -148,6 +148,13 @@ class Environment(Protocol):
     def flat_state(self) -> Floats:
         """The whole state, in which no subgoal shows; the same numbers for all tasks of a domain. [B, F]"""
 
+    def distance(self, subgoals: Ints) -> Floats:
+        """About how many steps what each lane's subgoal acts on is away; 0 if there is no such thing. [B]
+
+        Asked only where the intrinsic reward is shaped by it (`DecisionSettings.shaping`).
+        """
+        raise NotImplementedError
+
     def in_world(self, subgoals: Ints, actions: NDArray[Any]) -> NDArray[Any]:
         """Actions chosen by what `observe` shows, as `step` takes them. [B, ...]"""
 

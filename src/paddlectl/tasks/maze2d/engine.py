@@ -9,7 +9,17 @@ import numpy as np
 
 from paddlectl.tasks.base import Actions, Bools, Floats, Ints, Split, Step, Task, Vocabulary
 from paddlectl.tasks.maze2d import symbols
-from paddlectl.tasks.maze2d.layouts import HORIZON, PLACES, RADIUS, SPECS, Points, Spec, draw_starts
+from paddlectl.tasks.maze2d.layouts import (
+    HORIZON,
+    PLACES,
+    RADIUS,
+    SPECS,
+    STEPS,
+    Points,
+    Spec,
+    distances,
+    draw_starts,
+)
 from paddlectl.tasks.maze2d.observe import FLAT_SIZE, OBSERVATION_SIZE, flat_state, observe
 from paddlectl.tasks.maze2d.physics import PointMasses
 
@@ -122,6 +132,10 @@ class Engine:
     def flat_state(self) -> Floats:
         """The whole state as one vector (`tasks.maze2d.observe`). [B, 9]"""
         return flat_state(self.masses.position, self.masses.velocity, self.facts, self.t)
+
+    def distance(self, subgoals: Ints) -> Floats:
+        """Steps to each subgoal's place, about, through the maze. [B]"""
+        return (STEPS * distances(self.masses.position, subgoals)).astype(np.float32)
 
     def in_world(self, subgoals: Ints, actions: Floats) -> Floats:
         """The actions themselves: `observe` shows the world as it is. [B, 2]"""

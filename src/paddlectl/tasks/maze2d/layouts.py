@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paddlectl.logic.atoms import Atom
-from paddlectl.tasks.base import FRAMES, Bools, Split
+from paddlectl.tasks.base import FRAMES, Bools, Ints, Split
 from paddlectl.tasks.maze2d import symbols as s
 from paddlectl.tasks.split import belongs
 
@@ -48,6 +48,46 @@ def centre(row: int, column: int) -> tuple[float, float]:
 
 PLACES: Points = np.array([centre(*cell) for cell in ((6, 2), (7, 4), (4, 7), (7, 6), (7, 9))])
 """Where each subgoal of `symbols.SUBGOALS` is reached. [5, 2]"""
+
+
+STEPS = 20
+"""A metre takes the ball about so many steps."""
+
+
+def ways() -> Points:
+    """Length of the shortest way from each cell's centre to each place, in cells; inf in walls. [R, C, 5]"""
+    lengths = np.full((ROWS, COLUMNS, len(PLACES)), np.inf)
+    for place, (x, y) in enumerate(PLACES):
+        front = [(round(ROWS / 2 - y - 0.5), round(x + COLUMNS / 2 - 0.5))]
+        length = 0
+        while front:
+            for cell in front:
+                lengths[*cell, place] = length
+            length += 1
+            beside = {
+                (row + down, column + right)
+                for row, column in front
+                for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0))
+            }
+            front = [
+                cell for cell in beside if MAP[cell[0]][cell[1]] == " " and np.isinf(lengths[*cell, place])
+            ]
+    return lengths
+
+
+WAYS = ways()
+_AROUND = np.array([(0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)])
+
+
+def distances(position: Points, places: Ints) -> Points:
+    """Metres from each ball to its place: straight to its cell or one beside it, then from centre to centre. [n]"""
+    column = np.floor(position[:, 0] + COLUMNS / 2).astype(np.intp)
+    row = np.floor(ROWS / 2 - position[:, 1]).astype(np.intp)
+    rows, columns = row[:, None] + _AROUND[:, 0], column[:, None] + _AROUND[:, 1]
+    centres = np.stack([columns + 0.5 - COLUMNS / 2, ROWS / 2 - rows - 0.5], -1)
+    straight = np.linalg.norm(position[:, None] - centres, axis=-1)
+    nearest: Points = (straight + WAYS[rows, columns, places[:, None]]).min(-1)
+    return nearest
 
 
 @dataclass(frozen=True)

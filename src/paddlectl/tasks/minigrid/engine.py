@@ -3,7 +3,9 @@
 `env.PaddleEnv` is the same definition on MiniGrid's own objects; a test holds both to it.
 """
 
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -233,6 +235,10 @@ class Engine:
         s = self.state
         return flat_state(s.grid, s.rows, s.agent, s.facing, s.held, s.where, s.facts, self._earned, self.t)
 
+    def distance(self, subgoals: Ints) -> Floats:
+        """Steps to what each lane's subgoal acts on, as if nothing stood in the way. [B]"""
+        return self._observer.distance(self.state.agent, self.state.where, subgoals)
+
     def in_world(self, subgoals: Ints, actions: Ints) -> Ints:
         """Actions chosen by what `observe` shows, as `step` takes them. [B]"""
         return self._observer.in_world(self.state.agent, self.state.where, subgoals, actions)
@@ -244,6 +250,10 @@ class Engine:
     def available(self, subgoals: Ints) -> Bools:
         """Whether each lane's subgoal has something to act on and doesn't hold already. [B]"""
         return self._available.take(subgoals * symbols.FACTS + self.state.facts)
+
+
+SETTINGS: Mapping[str, Any] = {"decisions": {"shaping": 0.05}}
+"""How the tasks are learned, where it differs from `HybridSettings`."""
 
 
 def make_task(name: str, milestone_reward: float = 0.1) -> Task:
@@ -262,4 +272,5 @@ def task_of(spec: Spec, milestone_reward: float = 0.1) -> Task:
         subgoals=spec.subgoals,
         domain_subgoals=symbols.SUBGOALS,
         make=partial(Engine, spec, milestone_reward=milestone_reward),
+        settings=SETTINGS,
     )

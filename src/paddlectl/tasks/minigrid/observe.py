@@ -99,7 +99,24 @@ def _one_hot_table() -> Floats:
     return table.reshape(-1, 4 + subgoals)
 
 
+def _distance_table() -> Floats:
+    """Steps over agent x target x the passage's row, the last target being none. [120 * 121 * 8]"""
+    y, x = np.divmod(np.arange(CELLS), WIDTH)
+    passage = np.arange(HEIGHT)
+    to_passage = abs(x - MIDDLE)[:, None] + abs(y[:, None] - passage)
+    straight = abs(x[None, :] - x[:, None]) + abs(y[None, :] - y[:, None])
+    near = x < MIDDLE
+    table = np.zeros((CELLS, CELLS + 1, HEIGHT), np.float32)
+    table[:, :ABSENT] = np.where(
+        (near[:, None] == near[None, :])[..., None],
+        straight[..., None],
+        to_passage[:, None] + to_passage[None, :],
+    )
+    return table.reshape(-1)
+
+
 _FRAME = _frame_table()
+_DISTANCE = _distance_table()
 RELATIVE_IN_WORLD = _relative_table().reshape(CELLS, CELLS + 1, 8)
 """A target's 8 numbers without a mirror, over agent x target. [120, 121, 8]"""
 _RELATIVE = np.abs(_relative_table())  # in its own frame a target's offsets aren't negative
@@ -199,6 +216,12 @@ class Observer:
         seen_facing = _FACING.take(frame * 4 + facing)
         out[:, 67:] = _ONE_HOT.take(seen_facing * len(s.SUBGOALS) + subgoals, axis=0)
         return out
+
+    def distance(self, agent: Ints, where: Ints, subgoals: Ints) -> Floats:
+        """Steps to each target as if nothing stood in the way, through the passage to the other room. [B]"""
+        target = where.take(self._things + TARGET.take(subgoals))
+        row = _ROW_OF.take(where[:, Thing.PASSAGE])
+        return _DISTANCE.take((agent * (CELLS + 1) + target) * HEIGHT + row)
 
     def in_world(self, agent: Ints, where: Ints, subgoals: Ints, actions: Ints) -> Ints:
         """Actions chosen in the frames of these states, as the world takes them. [B]"""
