@@ -72,6 +72,12 @@ class Corridor:
         columns = [self.place / 10, self.layout % 3, self.paid, self.t / HORIZON]
         return np.column_stack(columns).astype(np.float32)
 
+    def distance(self, subgoals):
+        end = 5 + self.layout % 3
+        return np.select(
+            [subgoals == TWO, subgoals == END], [abs(self.place - 2), abs(self.place - end)], 0
+        ).astype(np.float32)
+
     def in_world(self, subgoals, actions):
         return actions
 

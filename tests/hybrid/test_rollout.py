@@ -40,7 +40,7 @@ class Run:
         rng = np.random.default_rng(0)
         self.environment = Corridor(num_envs, 0)
         self._rollout = Rollout(
-            num_envs, reader, selector, actors, settings, block(1, num_envs), rng, [selector]
+            num_envs, reader, selector, actors, settings, 0.9, block(1, num_envs), rng, [selector]
         )
         self._interaction = Interaction(self.environment, self._rollout)
 
@@ -111,6 +111,24 @@ def test_when_decisions_end_and_what_they_pay_the_low_level(played):
     assert buffer.rewards[:, 0] == pytest.approx(rewards)
     assert (buffer.log_probs == -0.5).all()
     assert not buffer.guides.any()
+
+
+def test_shaping_adds_what_a_step_does_to_the_potential():
+    # Φ = -0.1 · cells to the goal, γ = 0.9; after an end Φ is 0, and END is 3 cells away where it fails first
+    shaped = [0.11, 0.1, 0.0, 0.3, *[0.02] * 4, 0.2, 0.11, 0.1, 0.0]
+    subgoals, actions, _, _, rewards = zip(*EPISODE, strict=True)
+    teller = Teller(subgoal for subgoal in subgoals if subgoal is not None)
+    buffer = block(len(EPISODE), 1)
+    Run(1, teller, ByScript(*actions), settings=replace(SETTINGS, shaping=0.1)).collect(buffer)
+    assert buffer.rewards[:, 0] == pytest.approx(np.array(rewards) + shaped)
+
+
+def test_what_the_horizon_cuts_off_keeps_its_potential():
+    buffer = block(HORIZON, 1)
+    settings = replace(SETTINGS, max_steps=HORIZON + 1, shaping=0.1)
+    Run(1, Teller([END]), ByScript(STAY), settings=settings).collect(buffer)
+    assert buffer.cut[-1, 0]
+    assert buffer.rewards[:, 0] == pytest.approx(0.9 * -0.5 + 0.5)
 
 
 def test_what_the_low_level_sees_is_of_the_decision_then_running(played):

@@ -6,7 +6,16 @@ import pytest
 from paddlectl.tasks import suite
 from paddlectl.tasks.maze2d import symbols as s
 from paddlectl.tasks.maze2d.engine import Engine
-from paddlectl.tasks.maze2d.layouts import MAP, PLACES, SPECS, START, centre, draw_starts
+from paddlectl.tasks.maze2d.layouts import (
+    MAP,
+    PLACES,
+    SPECS,
+    START,
+    WAYS,
+    centre,
+    distances,
+    draw_starts,
+)
 from walker import NEXT, Walker, cell_of
 
 REST = np.zeros((1, 2), np.float32)
@@ -70,6 +79,16 @@ def test_an_action_is_cut_short_by_the_end_of_the_episode():
     assert (engine.t[0], bool(step.terminated[0])) == (21, True)
     assert not any(value[0] for value in engine.step(REST))
     assert engine.t[0] == 21
+
+
+def test_the_way_to_a_place_leads_around_the_walls():
+    # from the start, (1, 1): down to row 5, where the coffee lies below to the right
+    assert WAYS[1, 1, COFFEE] == 6
+    assert WAYS[6, 2, COFFEE] == 0
+    assert np.isinf(WAYS[0, 0]).all()
+    start = np.array([centre(1, 1)])
+    assert distances(start, np.array([COFFEE])) == pytest.approx([6.0])
+    assert distances(start - (0.0, 0.25), np.array([COFFEE])) == pytest.approx([5.75])
 
 
 def test_availability_by_hand():

@@ -109,6 +109,22 @@ def test_target_of_a_subgoal(subgoal, target):
     np.testing.assert_allclose(observe(parse(BLOCKED), subgoal)[TARGET], target, rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("subgoal", "steps"),
+    [
+        (s.GT_KEY, 1 + 1),
+        (s.GT_BOX, 1 + 2),
+        (s.GT_DOOR, 4 + 1),
+        (s.GT_BALL, (4 + 1) + (3 + 1)),  # through the passage
+        (s.PUT_KEY, 0),
+        (s.GT_GOAL, 0),  # there is none
+    ],
+)
+def test_steps_to_the_target(subgoal, steps):
+    state, subgoals = parse(BLOCKED), np.array([s.SUBGOALS.index(subgoal)])
+    assert Observer(1).distance(state.agent, state.where, subgoals).tolist() == [steps]
+
+
 def test_tiles_are_targets_of_placing():
     picture = BLOCKED.replace("k", "y").replace("g", "r")
     state = parse(picture, Held.BLOCKAGE)

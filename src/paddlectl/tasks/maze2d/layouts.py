@@ -80,7 +80,7 @@ _AROUND = np.array([(0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)])
 
 
 def distances(position: Points, places: Ints) -> Points:
-    """Metres from each ball to its place: straight to its cell or one beside it, then from centre to centre. [n]"""
+    """Metres from each ball to its place: to the centre of a cell beside it, then cell by cell. [n]"""
     column = np.floor(position[:, 0] + COLUMNS / 2).astype(np.intp)
     row = np.floor(ROWS / 2 - position[:, 1]).astype(np.intp)
     rows, columns = row[:, None] + _AROUND[:, 0], column[:, None] + _AROUND[:, 1]
