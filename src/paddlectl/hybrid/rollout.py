@@ -36,8 +36,8 @@ class DecisionSettings:
         reached_reward: Intrinsic reward for reaching the subgoal at once …
         delay_cost: … less this, times the share of `max_steps` that was used.
         failed_reward: Intrinsic reward when a decision ends in any other way.
-        shaping: Potential-based shaping (Ng, Harada & Russell, 1999) of the intrinsic reward: γΦ(s') - Φ(s) is
-            added, with Φ = -shaping · steps to what the subgoal acts on, and 0 after a decision's end. It
+        shaping: Potential-based shaping (Ng, Harada & Russell, 1999) of the intrinsic reward: γΦ(s') - Φ(s)
+            is added, with Φ = -shaping · steps to what the subgoal acts on, and 0 after a decision's end. It
             leaves the best policy as it is, and tells the low level at each step whether it comes nearer.
     """
 

@@ -100,6 +100,11 @@ class ClauseLearner:
         probabilities: NDArray[np.float32] = self.weights.softmax(-1).numpy()
         return probabilities
 
+    @torch.no_grad()
+    def prefer(self, probabilities: NDArray[np.floating]) -> None:
+        """Adds to the weights what makes these probabilities [S, H] of equal ones."""
+        self.weights += torch.from_numpy(np.log(probabilities * len(self.heads)).astype(np.float32))
+
     def update(
         self,
         scenes: NDArray[np.intp],

@@ -18,7 +18,7 @@ from paddlectl.methods.base import Method, Setup
 from paddlectl.scenario import Scenario, Similarity
 from paddlectl.tasks.base import Task
 from paddlectl.transfer import guides
-from paddlectl.transfer.candidates import Source, candidates_of, most_similar
+from paddlectl.transfer.candidates import Source, candidates_of, inherited_program, most_similar
 from paddlectl.transfer.documents import mapping_document
 from paddlectl.transfer.guidance import GuidanceSettings
 from paddlectl.transfer.recorder import GuideRecorder
@@ -50,7 +50,7 @@ stays below ψ in most scenes, so that guides which weren't asked there yet are 
 """
 
 GUIDANCE: Mapping[str, GuidanceSettings] = {
-    "maze2d": GuidanceSettings(similarity_decay=0.3, forced_trial_rate=0.05),
+    "maze2d": GuidanceSettings(similarity_decay=0.3, takeover_rate=0.05),
 }
 """By domain; of one that isn't here, the defaults.
 
@@ -151,6 +151,7 @@ def make(setup: Setup) -> PaddleAgent:
         selector: guides.GuideSelector = guides.PaperGuides(target, candidates, num_envs, rng, readings)
     else:
         selector = guides.PlannedGuides(target, candidates, num_envs, rng, setup.rules)
+        target.clauses.prefer(inherited_program(target.task, candidates, setup.rules.program_inheritance))
         _warm_start(target, sources, mapping, setup.rules.inheritance)
     return PaddleAgent(target, sources, selector, document, setup.seed, setup.frames)
 

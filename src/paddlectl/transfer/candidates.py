@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from paddlectl.hybrid.policy import sharpened
+from paddlectl.hybrid.policy import domain_subgoals, sharpened
 from paddlectl.learners.base import Learner
 from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.atoms import Atom
@@ -55,6 +55,28 @@ class Candidates(NamedTuple):
     subgoals: Floats
     similarity: Table
     entropy: Table
+
+
+def inherited_program(task: Task, candidates: Candidates, share: float) -> Floats:
+    """What the sources' programs say of a task: p = share·ψ·q + (1 - share·ψ) / H in each scene.
+
+    q is the mean over the source scenes of largest ψ, of their probabilities of the task's subgoals.
+
+    Args:
+        task: The target.
+        candidates: Who may lead on it.
+        share: Of q where ψ is 1.
+
+    Returns:
+        [S, H]
+    """
+    similarity, subgoals = candidates.similarity[:, 1:], candidates.subgoals[1:, domain_subgoals(task)]
+    best = similarity == similarity.max(-1, keepdims=True, initial=0.0)
+    told = best.astype(np.float64) @ subgoals
+    known = told.sum(-1, keepdims=True)
+    certainty = share * np.where(best, similarity, 0.0).max(-1, keepdims=True, initial=0.0) * (known > 0)
+    program: Floats = certainty * told / np.maximum(known, 1e-9) + (1.0 - certainty) / len(task.subgoals)
+    return program
 
 
 def candidates_of(

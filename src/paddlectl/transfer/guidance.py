@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 Weights = NDArray[np.float64]
 
 
-Rule = Literal["largest", "tie", "penalty", "floor", "trial", "novel"]
+Rule = Literal["largest", "tie", "penalty", "floor", "takeover"]
 """Why a candidate leads a decision.
 
 - largest: its Λ is the largest.
 - tie: several have the largest Λ; a source goes before the target, and of sources a random one.
 - penalty: larger ones were lowered, for what they did before in this episode.
 - floor: the target; no source's Λ is above the least that the target's may be.
-- trial: the target; forced once in the episode, so that it is measured here.
-- novel: the target; it tries a subgoal that no source knows.
+- takeover: the target; it leads the rest of the episode, whatever its Λ is.
 """
 
 RULES: tuple[Rule, ...] = get_args(Rule)
@@ -79,16 +78,18 @@ class GuidanceSettings:
         repeat_penalty: Taken off a candidate's Λ for each earlier decision of its guide for the same subgoal
             in this scene of this episode: the subgoal was missed, or the episode came back. A frozen
             source that is stuck stays stuck, and two that undo each other's work would do so for ever.
-        forced_trial_rate: In this share of an episode's scenes, times the target's certainty of its subgoal
-            there, the target acts once though its Λ is lower: so it is measured everywhere.
-        forced_trial_samples: The target leads a scene by merit only after this many decisions there.
-        novel_subgoal_rate: Chance that the target takes a subgoal that no source knows in a decision, once an
-            episode (`NovelSubgoalExploration`).
-        novel_subgoal_success: Such a subgoal is explored in a scene as long as it is reached in this share of
-            its decisions there; `trials` times at least.
+        takeover_rate: Guides roll in, the target goes on (jump-start RL; Uchendu et al., 2023): at each
+            decision, with chance takeover_rate · (1 - max Λ)², the target takes the rest of the episode. So
+            where guides gain little it learns from its own decisions, beginning wherever they have brought
+            it, and where they gain much they hardly ever make room.
+        takeover_after: Decisions in each environment before the first takeover: so long guides show what
+            they are worth.
+        target_samples: The target leads a scene by merit only after this many decisions there.
         target_margin: The target takes a scene over when it comes this near to the best source.
         source_memory: Latest decisions that a source's return is averaged over.
         target_memory: The same for the target, which changes.
+        program_inheritance: The target's program starts, in each scene, as that of the source scenes which
+            match best, with this share times ψ; the rest is spread evenly over its subgoals. 0 starts anew.
         inheritance: The target's low level starts as a copy of its most similar source's, its preferences
             weakened to this share so that it explores again (TD3 has none to weaken); 0 starts anew. So a
             subgoal that no source knows isn't learned from nothing: whoever finds a key soon finds a ball.
@@ -99,13 +100,13 @@ class GuidanceSettings:
     drop_below_success: float = 0.2
     trials: int = 8
     repeat_penalty: float = 0.3
-    forced_trial_rate: float = 0.1
-    forced_trial_samples: float = 20.0
-    novel_subgoal_rate: float = 0.1
-    novel_subgoal_success: float = 0.1
+    takeover_rate: float = 0.3
+    takeover_after: int = 10
+    target_samples: float = 20.0
     target_margin: float = 0.02
     source_memory: float = 300.0
     target_memory: float = 50.0
+    program_inheritance: float = 0.7
     inheritance: float = 0.7
 
 

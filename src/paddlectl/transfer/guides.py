@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from paddlectl.hybrid.policy import HybridPolicy, domain_subgoals, sample_rows, task_subgoals
+from paddlectl.hybrid.policy import HybridPolicy, domain_subgoals, sample_rows
 from paddlectl.hybrid.rollout import PROGRESS, Outcome
 from paddlectl.hybrid.semi_markov import SemiMarkovModel
 from paddlectl.learners.buffers import TARGET
@@ -20,7 +20,6 @@ from paddlectl.transfer.guidance import (
     guidance_weight,
     select_guide,
 )
-from paddlectl.transfer.novel_subgoals import NovelSubgoalExploration
 from paddlectl.transfer.performance import MeanReturns, Table, performance
 
 DROPPED = -1.0
@@ -111,12 +110,10 @@ class GuideSelector:
         scenes = scene_states // PROGRESS
         chosen = select_guide(weights, self._rng)
         rules = self._rules(chosen, weights, weighing.weight[scene_states], scene_states)
-        explored = self._novel_subgoals(lanes, scenes)
-        novel = explored >= 0
-        chosen[novel], rules[novel] = TARGET, "novel"
-        trial = self._forced_trials(lanes, scenes, chosen)
-        chosen[trial], rules[trial] = TARGET, "trial"
-        subgoals = np.where(novel, explored, self._subgoals(chosen, scenes))
+        alone = self._taken_over(lanes, weighing.weight[scene_states].max(-1))
+        rules[alone & (chosen != TARGET)] = "takeover"
+        chosen[alone] = TARGET
+        subgoals = self._subgoals(chosen, scenes)
         for lane, scene_state, candidate, subgoal, rule, weight in zip(
             lanes, scene_states, chosen, subgoals, rules, weights, strict=True
         ):
@@ -192,10 +189,8 @@ class GuideSelector:
     def _lane_weights(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
         return weights[scene_states]
 
-    def _novel_subgoals(self, lanes: Ints, scenes: Ints) -> Ints:
-        return np.full(len(lanes), -1)
-
-    def _forced_trials(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
+    def _taken_over(self, lanes: Ints, best: Table) -> Bools:
+        """In which lanes the target goes on alone, where `best` is the largest Λ. [n]"""
         return np.zeros(len(lanes), np.bool_)
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
@@ -299,10 +294,8 @@ class PlannedGuides(GuideSelector):
         self._leading_subgoal = candidates.subgoals.argmax(-1)
         guides_and_subgoals = int(candidates.guides.max()) + 1, candidates.subgoals.shape[1]
         self._repeats = np.zeros((num_envs, self.shape[0], *guides_and_subgoals), np.float32)
-        self._forced = np.zeros(num_envs, np.bool_)
-        novel = task_subgoals(target.task) >= 0
-        novel &= ~candidates.subgoals[1:].any(0)
-        self._exploration = NovelSubgoalExploration(novel, self.shape[0] // PROGRESS, num_envs, settings, rng)
+        self._alone = np.zeros(num_envs, np.bool_)
+        self._made = np.zeros(num_envs, np.intp)
 
     def weigh(self) -> Weighing:
         """ψ faded into the planned Φ; the target by merit, or by its floor. [R, C] each"""
@@ -351,17 +344,15 @@ class PlannedGuides(GuideSelector):
 
     def _measured(self) -> Bools:
         """Where the target has led often enough for its returns to count. [R]"""
-        measured: Bools = self._model.count[:, TARGET] >= self.rules.forced_trial_samples
+        measured: Bools = self._model.count[:, TARGET] >= self.rules.target_samples
         return measured
 
-    def _novel_subgoals(self, lanes: Ints, scenes: Ints) -> Ints:
-        return self._exploration.subgoals(lanes, scenes)
-
-    def _forced_trials(self, lanes: Ints, scenes: Ints, chosen: Ints) -> Bools:
-        rate = self.rules.forced_trial_rate * self._own[scenes].max(-1)
-        forced: Bools = (chosen != TARGET) & ~self._forced[lanes] & (self._rng.random(len(lanes)) < rate)
-        self._forced[lanes] |= forced
-        return forced
+    def _taken_over(self, lanes: Ints, best: Table) -> Bools:
+        rate = self.rules.takeover_rate * (1.0 - best.clip(0.0, 1.0)) ** 2
+        due = (self._made[lanes] >= self.rules.takeover_after) & (self._rng.random(len(lanes)) < rate)
+        self._made[lanes] += 1
+        self._alone[lanes] |= due
+        return self._alone[lanes]
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         guide = self.candidates.guides[decision.candidate]
@@ -370,10 +361,7 @@ class PlannedGuides(GuideSelector):
         self._hits[decision.scene_state, decision.candidate] += decision.reached
         discount = float(self._clauses.discounts(np.array(decision.steps)))
         self._model.record(decision.scene_state, decision.candidate, reward, following, discount)
-        if guide == TARGET and not decision.cut:
-            self._exploration.record(decision.scene_state // PROGRESS, decision.subgoal, decision.reached)
 
     def _end(self, lane: int) -> None:
         self._repeats[lane] = 0
-        self._forced[lane] = False
-        self._exploration.ended(lane)
+        self._alone[lane] = False

@@ -3,9 +3,7 @@
 `env.PaddleEnv` is the same definition on MiniGrid's own objects; a test holds both to it.
 """
 
-from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -252,10 +250,6 @@ class Engine:
         return self._available.take(subgoals * symbols.FACTS + self.state.facts)
 
 
-SETTINGS: Mapping[str, Any] = {"decisions": {"shaping": 0.05}}
-"""How the tasks are learned, where it differs from `HybridSettings`."""
-
-
 def make_task(name: str, milestone_reward: float = 0.1) -> Task:
     """The task of that name."""
     return task_of(SPECS[name], milestone_reward)
@@ -272,5 +266,4 @@ def task_of(spec: Spec, milestone_reward: float = 0.1) -> Task:
         subgoals=spec.subgoals,
         domain_subgoals=symbols.SUBGOALS,
         make=partial(Engine, spec, milestone_reward=milestone_reward),
-        settings=SETTINGS,
     )
