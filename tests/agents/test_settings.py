@@ -10,10 +10,7 @@ OLDER_RULES = {
     "fading": 0.3,
     "curiosity": 0.01,
     "least_reached": 0.4,
-    "audition_rate": 0.05,
     "audition_samples": 7.0,
-    "practice_rate": 0.2,
-    "practice_reached": 0.6,
 }
 
 
@@ -22,10 +19,7 @@ def test_older_names_are_read() -> None:
         similarity_decay=0.3,
         target_floor=0.01,
         drop_below_success=0.4,
-        forced_trial_rate=0.05,
-        forced_trial_samples=7.0,
-        novel_subgoal_rate=0.2,
-        novel_subgoal_success=0.6,
+        target_samples=7.0,
     )
     older = {"tracking": 0.5, "errands": 0.2, "errand_steps": 3.0}
     today = TD3Settings(tau=0.5, goal_exploration=0.2, goal_exploration_steps=3.0)

@@ -30,7 +30,7 @@ def test_all_that_is_told_of_a_phase():
 
 
 def test_the_words_know_every_rule():
-    assert tuple(WHY) == tuple(WHY_OFTEN) == RULES
+    assert tuple(WHY) == tuple(WHY_OFTEN) == (*RULES, "trial", "novel")
 
 
 @pytest.mark.parametrize(
@@ -40,6 +40,7 @@ def test_the_words_know_every_rule():
         ("tie", "by a tie"),
         ("penalty", "as larger Λs were lowered in that episode"),
         ("floor", "as no source's Λ was above the target's floor"),
+        ("takeover", "as it led the rest of the episode"),
         ("trial", "as a forced target trial"),
         ("novel", "as novel-subgoal exploration"),
         ("of\x1b tomorrow", "by the rule of\N{REPLACEMENT CHARACTER} tomorrow"),
@@ -134,6 +135,7 @@ def text(weights=(), trace=(), **more):
         ("tie", "a tie: a source goes before the target, of sources a random one"),
         ("penalty", "larger Λs were lowered for what those guides did before in this episode"),
         ("floor", "no source's Λ is above the target's floor"),
+        ("takeover", "the target leads the rest of the episode: guides gain little here"),
         ("trial", "forced target trial, to measure it here"),
         ("novel", "novel-subgoal exploration: no source knows this subgoal"),
         ("new", "by the rule new"),

@@ -13,16 +13,18 @@ from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.transfer import guides
-from paddlectl.transfer.candidates import Source, candidates_of
+from paddlectl.transfer.candidates import Source, candidates_of, inherited_program
 from paddlectl.transfer.guidance import RULES, GuidanceSettings, PaperSettings
 from paddlectl.transfer.similarity import map_scenes
-from scripted import END, FAR_SCENE, MOON, NEAR_SCENE, RIGHT, TASK, TWO, ByScript, outcome
+from scripted import END, FAR_SCENE, NEAR_SCENE, RIGHT, TASK, TWO, ByScript, outcome
 
 WALK = "1.0 :: gt_end() :- far()"
 MATCHED = "0.8 :: gt_end() :- far()\n0.2 :: gt_two() :- far()"  # ψ 14/15 in the far scene; WALK's is 13/15
 EVERY_SUBGOAL = "0.4 :: gt_end() :- far()\n0.3 :: gt_two() :- far()\n0.3 :: gt_moon() :- far()"
-MERIT = GuidanceSettings(forced_trial_rate=0.0, novel_subgoal_rate=0.0)
-"""Nothing is tried; Λ alone decides."""
+MERIT = GuidanceSettings(takeover_rate=0.0)
+"""Λ alone decides."""
+ALONE = GuidanceSettings(takeover_rate=100.0, takeover_after=1)
+"""The target takes over at the second decision, wherever Λ is below 0.9."""
 
 
 def planned(*programs, settings=MERIT):
@@ -167,61 +169,81 @@ def test_there_is_no_floor_in_paper():
     assert {rule for _, rule in play(paper(WALK), 60)} <= {"largest", "tie"}
 
 
-# trial
+# takeover
 
 
-def test_a_target_on_trial_leads_once_in_an_episode():
-    """Its clauses are alike, so its certainty is a third."""
-    selector = planned(WALK, settings=replace(MERIT, forced_trial_rate=3.1))
-    assert decide(selector) == (TARGET, "trial")
+def test_a_target_that_takes_over_leads_the_rest_of_the_episode():
+    selector = planned(WALK, settings=ALONE)
+    assert decide(selector) == (1, "largest")
+    tell(selector, 0.1, following=FAR_SCENE, reached=True)
+    assert decide(selector) == (TARGET, "takeover")
     weights = selector._present[0].weights
     assert weights[1] > weights[TARGET]
+    selector.rules = MERIT
     tell(selector, 0.1, following=FAR_SCENE, reached=True)
-    assert decide(selector) == (1, "largest")
+    assert decide(selector) == (TARGET, "takeover")
     tell(selector, 0.1, reached=True)
-    assert decide(selector) == (TARGET, "trial")
+    assert decide(selector) == (1, "largest"), "the next episode"
 
 
-def test_a_target_that_leads_anyway_is_not_on_trial():
+def test_there_is_no_takeover_where_guides_gain_all_there_is():
+    selector = planned(WALK, settings=MERIT)
+    play(selector, 60, (0.0, 1.2))
+    selector.rules = ALONE
+    assert {rule for _, rule in play(selector, 60, (0.0, 1.2))} == {"largest"}
+
+
+def test_the_chance_of_a_takeover_is_the_square_of_what_is_missing():
+    """Λ is 0.6 · γ ≈ 0.57 in time: (1 - 0.57)² = 0.185."""
+    selector = planned(WALK, settings=MERIT)
+    play(selector, 400, (0.0, 0.6))
+    missing = 1 - selector.weigh().weight[FAR_SCENE * PROGRESS].max()
+    assert missing == pytest.approx(1 - 0.6 * 0.95 * 0.997, abs=0.01)
+    selector.rules = replace(ALONE, takeover_rate=1.0, target_samples=np.inf)
+    told = [rule for _, rule in play(selector, 4000, (0.6, 0.6))]
+    assert told.count("takeover") / len(told) == pytest.approx(missing**2, abs=0.03)
+
+
+def test_a_target_that_leads_anyway_takes_nothing_over():
     selector = planned(WALK)
     play(selector, 12)
-    selector.rules = replace(MERIT, forced_trial_rate=3.1)
+    selector.rules = ALONE
     assert decide(selector) == (TARGET, "floor")
 
 
-# novel
+# What the target starts with
 
 
-def test_a_subgoal_that_no_source_knows_is_explored_once_in_an_episode():
-    selector = planned(MATCHED, settings=replace(MERIT, novel_subgoal_rate=1.0))
-    assert decide(selector) == (TARGET, "novel")
-    assert selector._present[0].subgoal == MOON
-    tell(selector, 0.1, following=FAR_SCENE, reached=True)
-    assert decide(selector) == (1, "largest")
+def test_a_program_is_inherited_by_how_well_it_matches():
+    """In the far scene ψ is 14/15: 0.5 · 14/15 of the source's 0.8 and 0.2, and a third each of the rest."""
+    candidates = planned(MATCHED).candidates
+    psi = 14 / 15
+    rest = (1 - 0.5 * psi) / 3
+    program = inherited_program(TASK, candidates, 0.5)
+    by_subgoal = dict(zip(map(str, TASK.subgoals), program[FAR_SCENE], strict=True))
+    assert by_subgoal["gt_end()"] == pytest.approx(0.8 * 0.5 * psi + rest)
+    assert by_subgoal["gt_two()"] == pytest.approx(0.2 * 0.5 * psi + rest)
+    assert by_subgoal["gt_moon()"] == pytest.approx(rest)
+    assert program.sum(-1) == pytest.approx(1.0)
 
 
-def test_nothing_is_novel_where_the_sources_know_every_subgoal():
-    selector = planned(EVERY_SUBGOAL, settings=replace(MERIT, novel_subgoal_rate=1.0))
-    assert "novel" not in {rule for _, rule in play(selector, 40)}
-
-
-def test_a_novel_subgoal_goes_before_a_trial():
-    selector = planned(MATCHED, settings=replace(MERIT, forced_trial_rate=3.1, novel_subgoal_rate=1.0))
-    assert decide(selector) == (TARGET, "novel")
+def test_without_a_share_or_a_source_nothing_is_inherited():
+    for candidates, share in ((planned(MATCHED).candidates, 0.0), (planned().candidates, 0.7)):
+        assert inherited_program(TASK, candidates, share) == pytest.approx(1 / len(TASK.subgoals))
 
 
 # What is kept
 
 
 def test_traces_and_counts_keep_the_rules():
-    selector = planned(WALK, settings=replace(MERIT, forced_trial_rate=3.1))
+    selector = planned(WALK, settings=ALONE)
     decide(selector)
-    tell(selector, 0.1, following=FAR_SCENE, reached=True)
+    tell(selector, 0.0, following=FAR_SCENE, reached=True)
     decide(selector)
     tell(selector, 0.1, reached=True)
-    assert [decision.rule for decision in selector.traces[0]] == ["trial", "largest"]
+    assert [decision.rule for decision in selector.traces[0]] == ["largest", "takeover"]
     counted = selector.chosen[FAR_SCENE * PROGRESS]
-    assert counted[TARGET, RULES.index("trial")] == counted[1, RULES.index("largest")] == 1
+    assert counted[TARGET, RULES.index("takeover")] == counted[1, RULES.index("largest")] == 1
     assert selector.chosen.sum() == selector.decisions.sum() == 2
 
 
