@@ -23,10 +23,11 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from readme_table import tables
@@ -38,15 +39,18 @@ from paddlectl.experiments.sources import resolve
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Guidance, Scenario, TaskSources, load_scenario
+from paddlectl.transfer.guidance import GuidanceSettings
 
 HERE = Path(__file__).parent
 SOURCES = ("BlockedDoor", "GapBall", "DoorBall", "OpenGoal", "BoxDoor")
 SCENARIOS = ("A", "B", "C", "D", "A-place", "B-place", "C-place", "D-place")
-PARTS = ("sources", "paddle", "hdm", "random", "paper")
+PARTS = ("sources", "paddle", "hdm", "finetune", "led", "random", "paper")
 SEEDS = (10, 11, 12, 13, 14, 15)
-BUDGETS = {"BlockedBoxUnlockPickup": 100_000, "BlockedBoxPlaceGoal": 150_000}  # of a target, in frames
+BUDGETS = {"BlockedBoxUnlockPickup": 60_000, "BlockedBoxPlaceGoal": 100_000}  # of a target, in frames
 WITH_RANDOM = "A"
 RANDOM = "+random"
+LED: dict[str, Literal["guided", "alone"]] = {", always guided": "guided", ", always alone": "alone"}
+"""What is added to a scenario's name -> who leads every episode."""
 PAPER_SCENARIOS = ("A", "C")
 PAPER_FRAMES = 60_000
 READINGS: dict[str, Guidance] = {
@@ -81,12 +85,19 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
             yield from (TrainJob(task, seed, options.frames, changes) for task in options.tasks)
     transfer = partial(TransferJob, changes=changes)
     scratch = set()
-    for name in options.scenarios if set(options.parts) & {"paddle", "hdm"} else ():
+    for name in options.scenarios if set(options.parts) & {"paddle", "hdm", "finetune", "led"} else ():
         scenario = scenario_of(name)
         frames = options.frames or BUDGETS.get(scenario.target, scenario.frames)
         for seed in options.seeds:
             if "paddle" in options.parts:
                 yield transfer(scenario, sources_of(registry, scenario, seed), "paddle", seed, frames)
+            if "finetune" in options.parts:
+                yield transfer(scenario, sources_of(registry, scenario, seed), "finetune", seed, frames)
+            for added, who in LED.items() if "led" in options.parts else ():
+                other = scenario.model_copy(update={"name": scenario.name + added})
+                rules = replace(GuidanceSettings(), episodes=who)
+                sources = sources_of(registry, scenario, seed)
+                yield transfer(other, sources, "paddle", seed, frames, rules)
             if "hdm" in options.parts and (scenario.target, seed) not in scratch:
                 scratch.add((scenario.target, seed))
                 yield transfer(scenario, (), "hdm", seed, frames)
@@ -158,7 +169,7 @@ def key_of(record: RunRecord) -> str:
     """`source BoxDoor seed 0`, `paddle A BlockedBoxUnlockPickup seed 0`, `hdm BlockedBoxUnlockPickup ...`."""
     if record.kind == "train":
         return f"source {record.task} seed {record.seed}"
-    scenario = f" {record.scenario}" if record.method == "paddle" else ""
+    scenario = f" {record.scenario}" if record.sources else ""
     return f"{record.method}{scenario} {record.task} seed {record.seed}"
 
 
@@ -175,7 +186,7 @@ def figures(registry: Registry, record: RunRecord, shortest: float) -> Result:
         "kind": "source" if record.kind == "train" else "transfer",
         "task": record.task,
         "method": record.method,
-        "scenario": record.scenario if record.method == "paddle" else None,
+        "scenario": record.scenario if record.sources else None,
         "guidance": record.settings["scenario"]["guidance"]["mode"] if record.method == "paddle" else None,
         "seed": record.seed,
         "frames": record.frames,

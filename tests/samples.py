@@ -159,10 +159,10 @@ def weight_rows() -> list[dict[str, Any]]:
         # phase, true facts, policy, task, ψ, Φ, Λ, decisions, chosen, reached, rules
         ("early", "EX", "policy-1", "BlockedDoor", 0.695, 0.41, 1.105, 400, 384, 365, {"largest": 384}),
         ("early", "EX", "policy-2", "GapBall", 0.562, 0.2, 0.762, 400, 12, 3, {"penalty": 12}),
-        ("early", "EX", "target", TARGET, 0.695, 0.0, 0.695, 400, 4, 0, {"takeover": 4}),
+        ("early", "EX", "target", TARGET, 0.695, 0.0, 0.695, 400, 4, 0, {"alone": 4}),
         ("late", "EX", "policy-1", "BlockedDoor", 0.695, 0.5, 1.195, 100, 30, 30, {"largest": 30}),
         ("late", "EX", "policy-2", "GapBall", 0.562, 0.2, 0.762, 100, 0, 0, {}),
-        ("late", "EX", "target", TARGET, 0.695, 0.55, 1.245, 100, 70, 70, {"largest": 63, "takeover": 7}),
+        ("late", "EX", "target", TARGET, 0.695, 0.55, 1.245, 100, 70, 70, {"largest": 63, "alone": 7}),
         ("early", "E", "policy-2", "GapBall", 0.695, 0.3, 0.995, 50, 50, 25, {"largest": 50}),
     ]
     fields = ("phase", "scene", "policy", "task", "similarity", "performance", "weight")

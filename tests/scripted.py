@@ -162,7 +162,7 @@ def learning(method: Method, setup: Setup) -> Learning:
     return Learning(environment, method.make(setup), setup.frames)
 
 
-def outcome(scene_state, subgoal, reward=0.0, following=None, reached=False, lane=0):
+def outcome(scene_state, subgoal, reward=0.0, following=None, reached=False, lane=0, truncated=False):
     """One decision of three steps that ended; the task is solved if no scene follows."""
     columns = {
         "lanes": lane,
@@ -174,7 +174,7 @@ def outcome(scene_state, subgoal, reward=0.0, following=None, reached=False, lan
         "reached": reached,
         "cut": False,
         "terminated": following is None,
-        "truncated": False,
+        "truncated": truncated,
         "next_scene_states": 0 if following is None else following * PROGRESS,
     }
     return Outcome(**{name: np.array([value]) for name, value in columns.items()})

@@ -50,7 +50,7 @@ stays below ψ in most scenes, so that guides which weren't asked there yet are 
 """
 
 GUIDANCE: Mapping[str, GuidanceSettings] = {
-    "maze2d": GuidanceSettings(similarity_decay=0.3, takeover_rate=0.05),
+    "maze2d": GuidanceSettings(similarity_decay=0.3),
 }
 """By domain; of one that isn't here, the defaults.
 

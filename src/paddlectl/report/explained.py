@@ -26,7 +26,7 @@ WHY = {
     "tie": "a tie: a source goes before the target, of sources a random one",
     "penalty": "larger Λs were lowered for what those guides did before in this episode",
     "floor": "no source's Λ is above the target's floor",
-    "takeover": "the target leads the rest of the episode: guides gain little here",
+    "alone": "the target leads this episode alone",
     # of older runs
     "trial": "forced target trial, to measure it here",
     "novel": "novel-subgoal exploration: no source knows this subgoal",
@@ -36,7 +36,7 @@ WHY_OFTEN = {
     "tie": "by a tie",
     "penalty": "as larger Λs were lowered in that episode",
     "floor": "as no source's Λ was above the target's floor",
-    "takeover": "as it led the rest of the episode",
+    "alone": "as it led the episode alone",
     "trial": "as a forced target trial",
     "novel": "as novel-subgoal exploration",
 }

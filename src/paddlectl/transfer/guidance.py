@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 Weights = NDArray[np.float64]
 
 
-Rule = Literal["largest", "tie", "penalty", "floor", "takeover"]
+Rule = Literal["largest", "tie", "penalty", "floor", "alone"]
 """Why a candidate leads a decision.
 
 - largest: its Λ is the largest.
 - tie: several have the largest Λ; a source goes before the target, and of sources a random one.
 - penalty: larger ones were lowered, for what they did before in this episode.
 - floor: the target; no source's Λ is above the least that the target's may be.
-- takeover: the target; it leads the rest of the episode, whatever its Λ is.
+- alone: the target; it leads this episode, whatever its Λ is.
 """
 
 RULES: tuple[Rule, ...] = get_args(Rule)
@@ -78,12 +78,10 @@ class GuidanceSettings:
         repeat_penalty: Taken off a candidate's Λ for each earlier decision of its guide for the same subgoal
             in this scene of this episode: the subgoal was missed, or the episode came back. A frozen
             source that is stuck stays stuck, and two that undo each other's work would do so for ever.
-        takeover_rate: Guides roll in, the target goes on (jump-start RL; Uchendu et al., 2023): at each
-            decision, with chance takeover_rate · (1 - max Λ)², the target takes the rest of the episode. So
-            where guides gain little it learns from its own decisions, beginning wherever they have brought
-            it, and where they gain much they hardly ever make room.
-        takeover_after: Decisions in each environment before the first takeover: so long guides show what
-            they are worth.
+        episodes: Who leads an episode: where it is `guided`, the candidate of largest Λ in each scene; the
+            target `alone`; or by a `bandit` one of both, whichever solves more (`AloneOrGuided`). Guides that
+            know all subgoals of a task solve it at once; others bring it to where they are stuck.
+        bandit_prior: Episodes' worth of belief in what a bandit expects before it has seen any.
         target_samples: The target leads a scene by merit only after this many decisions there.
         target_margin: The target takes a scene over when it comes this near to the best source.
         source_memory: Latest decisions that a source's return is averaged over.
@@ -100,8 +98,8 @@ class GuidanceSettings:
     drop_below_success: float = 0.2
     trials: int = 8
     repeat_penalty: float = 0.3
-    takeover_rate: float = 0.3
-    takeover_after: int = 10
+    episodes: Literal["bandit", "guided", "alone"] = "bandit"
+    bandit_prior: float = 5.0
     target_samples: float = 20.0
     target_margin: float = 0.02
     source_memory: float = 300.0

@@ -110,8 +110,8 @@ class GuideSelector:
         scenes = scene_states // PROGRESS
         chosen = select_guide(weights, self._rng)
         rules = self._rules(chosen, weights, weighing.weight[scene_states], scene_states)
-        alone = self._taken_over(lanes, weighing.weight[scene_states].max(-1))
-        rules[alone & (chosen != TARGET)] = "takeover"
+        alone = self._alone_in(lanes)
+        rules[alone & (chosen != TARGET)] = "alone"
         chosen[alone] = TARGET
         subgoals = self._subgoals(chosen, scenes)
         for lane, scene_state, candidate, subgoal, rule, weight in zip(
@@ -189,8 +189,8 @@ class GuideSelector:
     def _lane_weights(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
         return weights[scene_states]
 
-    def _taken_over(self, lanes: Ints, best: Table) -> Bools:
-        """In which lanes the target goes on alone, where `best` is the largest Λ. [n]"""
+    def _alone_in(self, lanes: Ints) -> Bools:
+        """In which lanes the target leads the episode alone. [n]"""
         return np.zeros(len(lanes), np.bool_)
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
@@ -270,6 +270,32 @@ class PaperGuides(GuideSelector):
         self._rewards[lane] = []
 
 
+class AloneOrGuided:
+    """Who leads an episode, by Thompson sampling (Thompson, 1933) of how many each way solves.
+
+    Args:
+        known: Share κ of the target's subgoals that some source knows.
+        prior: Episodes' worth of belief that κ² of the guided ones are solved, and half of those alone.
+        memory: A way weighs at most about so many of its latest episodes.
+    """
+
+    def __init__(self, known: float, prior: float, memory: float) -> None:
+        solved = np.array([known**2, 0.5])
+        self._counts = prior * np.stack([solved, 1.0 - solved])  # solved and not, by way: guided, alone
+        self._keep = 1.0 - 1.0 / memory
+
+    def choose(self, rng: np.random.Generator) -> bool:
+        """Whether the target leads the next episode alone."""
+        drawn = rng.beta(*np.maximum(self._counts, 1e-3))
+        return bool(drawn[1] > drawn[0])
+
+    def record(self, alone: bool, solved: bool) -> None:
+        """Counts an episode."""
+        way = int(alone)
+        self._counts[:, way] *= self._keep
+        self._counts[int(not solved), way] += 1.0
+
+
 class PlannedGuides(GuideSelector):
     """`guidance: default`: the rules of `GuidanceSettings` over planned returns."""
 
@@ -294,8 +320,10 @@ class PlannedGuides(GuideSelector):
         self._leading_subgoal = candidates.subgoals.argmax(-1)
         guides_and_subgoals = int(candidates.guides.max()) + 1, candidates.subgoals.shape[1]
         self._repeats = np.zeros((num_envs, self.shape[0], *guides_and_subgoals), np.float32)
+        known = float(candidates.subgoals[1:, self._own_subgoals].any(0).mean())
+        self._bandit = AloneOrGuided(known, settings.bandit_prior, settings.target_memory)
         self._alone = np.zeros(num_envs, np.bool_)
-        self._made = np.zeros(num_envs, np.intp)
+        self._begins = np.ones(num_envs, np.bool_)
 
     def weigh(self) -> Weighing:
         """ψ faded into the planned Φ; the target by merit, or by its floor. [R, C] each"""
@@ -316,6 +344,8 @@ class PlannedGuides(GuideSelector):
     def on_decision_end(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended, then makes one sweep of planning."""
         super().on_decision_end(outcome)
+        for lane, solved in zip(outcome.lanes[outcome.done], outcome.terminated[outcome.done], strict=True):
+            self._bandit.record(bool(self._alone[lane]), bool(solved))
         self._returns = self._model.returns(self._weights().max(-1))
 
     def dropped(self) -> Bools:
@@ -347,11 +377,11 @@ class PlannedGuides(GuideSelector):
         measured: Bools = self._model.count[:, TARGET] >= self.rules.target_samples
         return measured
 
-    def _taken_over(self, lanes: Ints, best: Table) -> Bools:
-        rate = self.rules.takeover_rate * (1.0 - best.clip(0.0, 1.0)) ** 2
-        due = (self._made[lanes] >= self.rules.takeover_after) & (self._rng.random(len(lanes)) < rate)
-        self._made[lanes] += 1
-        self._alone[lanes] |= due
+    def _alone_in(self, lanes: Ints) -> Bools:
+        for lane in lanes[self._begins[lanes]]:
+            how = self.rules.episodes
+            self._alone[lane] = how == "alone" or (how == "bandit" and self._bandit.choose(self._rng))
+        self._begins[lanes] = False
         return self._alone[lanes]
 
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
@@ -364,4 +394,4 @@ class PlannedGuides(GuideSelector):
 
     def _end(self, lane: int) -> None:
         self._repeats[lane] = 0
-        self._alone[lane] = False
+        self._begins[lane] = True
