@@ -93,15 +93,16 @@ def test_subgoals_that_the_target_lacks_can_be_led_to():
 
 LETTER = PaperSettings(1.0, "clip", 0.0, "per_guide", 0.0, 0.0)
 """The equations as printed."""
+GUIDED = GuidanceSettings(episodes="guided")
 
 
-def one_of_each(mode, policy, given, num_envs=1, seed=0, readings=LETTER):
+def one_of_each(mode, policy, given, num_envs=1, seed=0, readings=LETTER, rules=GUIDED):
     made = candidates(policy, given)
     rng = np.random.default_rng(seed)
     selector = (
         guides.PaperGuides(policy, made, num_envs, rng, readings)
         if mode == "paper"
-        else guides.PlannedGuides(policy, made, num_envs, rng, GuidanceSettings())
+        else guides.PlannedGuides(policy, made, num_envs, rng, rules)
     )
     selector.refresh()
     return selector
@@ -278,9 +279,9 @@ def test_the_better_source_leads_whatever_its_similarity():
 
 
 def test_the_target_takes_over_where_it_is_better():
-    _, shares = last_guides(
-        one_of_each("default", target(), sources(WALK)), {TARGET: 0.9, 1: 0.3}, episodes=600
-    )
+    """It is measured in the episodes that it leads alone."""
+    selector = one_of_each("default", target(), sources(WALK), rules=GuidanceSettings())
+    _, shares = last_guides(selector, {TARGET: 0.9, 1: 0.3}, episodes=600)
     assert shares[TARGET] >= 0.9
 
 

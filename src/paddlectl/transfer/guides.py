@@ -275,25 +275,27 @@ class AloneOrGuided:
 
     Args:
         known: Share κ of the target's subgoals that some source knows.
-        prior: Episodes' worth of belief that κ² of the guided ones are solved, and half of those alone.
-        memory: A way weighs at most about so many of its latest episodes.
+        prior: Episodes' worth of belief that κ² of the guided ones are solved, and half of those alone. It
+            stays, whatever is seen.
+        memory: A way weighs about so many of its latest episodes: guided, alone. [2]
     """
 
-    def __init__(self, known: float, prior: float, memory: float) -> None:
+    def __init__(self, known: float, prior: float, memory: tuple[float, float]) -> None:
         solved = np.array([known**2, 0.5])
-        self._counts = prior * np.stack([solved, 1.0 - solved])  # solved and not, by way: guided, alone
-        self._keep = 1.0 - 1.0 / memory
+        self._prior = prior * np.stack([solved, 1.0 - solved])  # solved and not, by way
+        self._seen = np.zeros((2, 2))
+        self._keep = 1.0 - 1.0 / np.array(memory)
 
     def choose(self, rng: np.random.Generator) -> bool:
         """Whether the target leads the next episode alone."""
-        drawn = rng.beta(*np.maximum(self._counts, 1e-3))
-        return bool(drawn[1] > drawn[0])
+        guided, alone = np.asarray(rng.beta(*np.maximum(self._prior + self._seen, 1e-3)))
+        return bool(alone > guided)
 
     def record(self, alone: bool, solved: bool) -> None:
         """Counts an episode."""
         way = int(alone)
-        self._counts[:, way] *= self._keep
-        self._counts[int(not solved), way] += 1.0
+        self._seen[:, way] *= self._keep[way]
+        self._seen[int(not solved), way] += 1.0
 
 
 class PlannedGuides(GuideSelector):
@@ -321,7 +323,8 @@ class PlannedGuides(GuideSelector):
         guides_and_subgoals = int(candidates.guides.max()) + 1, candidates.subgoals.shape[1]
         self._repeats = np.zeros((num_envs, self.shape[0], *guides_and_subgoals), np.float32)
         known = float(candidates.subgoals[1:, self._own_subgoals].any(0).mean())
-        self._bandit = AloneOrGuided(known, settings.bandit_prior, settings.target_memory)
+        memories = settings.source_memory, settings.target_memory
+        self._bandit = AloneOrGuided(known, settings.bandit_prior, memories)
         self._alone = np.zeros(num_envs, np.bool_)
         self._begins = np.ones(num_envs, np.bool_)
 
