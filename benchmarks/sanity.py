@@ -61,7 +61,7 @@ _AGAIN = Check("BoxDoor", 60_000, "BoxDoor", "ppo", "ppo")
 CHECKS: dict[str, Check] = {
     "ppo": Check("BoxDoor", 150_000),
     "td3": Check("MailMaze", 1_000_000),
-    "hdqn": Check("BoxDoor", 130_000),
+    "hdqn": Check("BoxDoor", 100_000),
     "finetune": Check("BlockedBoxUnlockPickup", 100_000, "DoorBall", "hdm"),
     "cup": _AGAIN,
     "ptf": _AGAIN,

@@ -130,9 +130,9 @@ def test_resume_all_goes_past_what_can_not_go_on(
     [
         (("--frames", "60000"), "1 run × 60,000 frames"),
         (("--frames", "60000", "--seeds", "0-5", "--jobs", "2"), "6 runs × 60,000 frames, 2 at a time"),
-        (("CoffeeMaze", "--jobs", "4"), "2 runs, 4,130,000 frames, 2 at a time"),
+        (("CoffeeMaze", "--jobs", "4"), "2 runs, 4,100,000 frames, 2 at a time"),
         (("--method", "ppo"), "1 run × 250,000 frames"),
-        (("DoorBall", "--method", "hdqn"), "2 runs × 130,000 frames, 2 at a time"),
+        (("DoorBall", "--method", "hdqn"), "2 runs × 100,000 frames, 2 at a time"),
         (("MailMaze", "--preset", "paper"), "error: hdm has no preset paper for BoxDoor"),
     ],
 )

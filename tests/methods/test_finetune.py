@@ -9,6 +9,7 @@ from paddlectl.logic.atoms import Predicate
 from paddlectl.logic.templates import scenes
 from paddlectl.methods.base import Setup
 from paddlectl.methods.finetune import FINETUNE, take_clauses
+from paddlectl.methods.hdm import HDM
 from paddlectl.tasks.suite import load
 from scripted import FAR, GT_END, GT_MOON, GT_OTHER, GT_TWO
 
@@ -71,3 +72,9 @@ def test_the_source_stays_as_it_is():
     with torch.no_grad():
         target.weights += 1
     assert source.weights.tolist() == [[100], [101]]
+
+
+def test_its_low_level_learns_on_where_there_is_nobody_to_imitate():
+    maze = load("CoffeeMailMaze")
+    assert HDM.settings_for(maze, None).low_level.cloning
+    assert not FINETUNE.settings_for(maze, None).low_level.cloning

@@ -79,8 +79,12 @@ def take_clauses(target: ClauseLearner, source: ClauseLearner) -> None:
                     target.weights[row, own] = source.weights[theirs, column]
 
 
+LEARNS_ON: Mapping[str, Mapping[str, Any]] = {"maze2d": {"low_level": {"cloning": False}}}
+"""By domain, what differs from the numbers of `hdm`: nobody guides, so there is no one to imitate."""
+
+
 def _settings(task: Task, _: Any, *changes: Any) -> HybridSettings:
-    return settings_for(task, *changes)
+    return settings_for(task, LEARNS_ON.get(task.domain, {}), *changes)
 
 
 FINETUNE = Method(

@@ -168,7 +168,7 @@ class Environment(Protocol):
         """
 
 
-FRAMES = 130_000
+FRAMES = 100_000
 """The usual budget of learning a source, in environment steps."""
 
 

@@ -99,7 +99,7 @@ class GuidanceSettings:
     trials: int = 8
     repeat_penalty: float = 0.3
     episodes: Literal["bandit", "guided", "alone"] = "bandit"
-    bandit_prior: float = 5.0
+    bandit_prior: float = 10.0
     target_samples: float = 20.0
     target_margin: float = 0.02
     source_memory: float = 300.0

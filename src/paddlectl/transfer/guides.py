@@ -275,13 +275,13 @@ class AloneOrGuided:
 
     Args:
         known: Share κ of the target's subgoals that some source knows.
-        prior: Episodes' worth of belief that κ² of the guided ones are solved, and half of those alone. It
+        prior: Episodes' worth of belief that κ³ of the guided ones are solved, and half of those alone. It
             stays, whatever is seen.
         memory: A way weighs about so many of its latest episodes: guided, alone. [2]
     """
 
     def __init__(self, known: float, prior: float, memory: tuple[float, float]) -> None:
-        solved = np.array([known**2, 0.5])
+        solved = np.array([known**3, 0.5])
         self._prior = prior * np.stack([solved, 1.0 - solved])  # solved and not, by way
         self._seen = np.zeros((2, 2))
         self._keep = 1.0 - 1.0 / np.array(memory)
