@@ -40,7 +40,7 @@ soak: $(READY)
 	$(BIN)/python tests/soak.py --share $(SHARE)
 
 # Learning and transfer over seeds, and speed; ablations and the maze take longer still.
-bench: BENCH := learning.py inheritance.py sb3_reference.py training_speed.py engine_speed.py greedy_lengths.py
+bench: BENCH := learning.py sb3_reference.py training_speed.py engine_speed.py greedy_lengths.py
 bench-ablations: BENCH := ablations.py "maze.py --parts ablations --seeds 10 11 12 --frames 1000000"
 bench-maze: BENCH := "maze.py --parts sources paddle guided hdm" "maze.py --parts scratch --seeds 10 11 12"
 

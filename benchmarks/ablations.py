@@ -52,8 +52,8 @@ LETTER: dict[str, dict[str, Any]] = {
 LETTER["letter"] = {name: value for reading in LETTER.values() for name, value in reading.items()}
 LETTER = {name: {"mode": "paper", **reading} for name, reading in LETTER.items()}
 
-# By their names in ablations.json. `trials` and `novel_subgoal_success` are no rules of their own: they say
-# when another applies.
+# By their names in ablations.json. `trials` and `bandit_prior` are no rules of their own: they say when
+# another applies.
 RULES = {
     "none": Ablation("nothing is off"),
     "fading": Ablation("a source's Λ is its ψ for ever, whatever came of it", {"similarity_decay": 1.0}),
@@ -66,11 +66,16 @@ RULES = {
     ),
     "least_reached": Ablation("no source is dropped, however rarely it arrives", {"drop_below_success": 0.0}),
     "repeat_penalty": Ablation("to ask a guide for the same again costs nothing", {"repeat_penalty": 0.0}),
-    "audition_rate": Ablation("the target never leads against its Λ", {"forced_trial_rate": 0.0}),
-    "audition_samples": Ablation(
-        "its first decision in a scene measures the target", {"forced_trial_samples": 0.0}
+    "guided": Ablation("guides are asked in every episode", {"episodes": "guided"}),
+    "alone": Ablation("guides are asked in none", {"episodes": "alone"}),
+    "target_samples": Ablation("its first decision in a scene measures the target", {"target_samples": 0.0}),
+    "program": Ablation("the target's program starts anew", {"program_inheritance": 0.0}),
+    "shaping": Ablation(
+        "the low level isn't told whether it comes nearer", changes={"decisions": {"shaping": 0.0}}
     ),
-    "practice": Ablation("the target never explores a subgoal of its own", {"novel_subgoal_rate": 0.0}),
+    "max_steps": Ablation(
+        "a decision takes 50 steps at most", changes={"decisions": {"max_steps": 50, "patience": 0.3}}
+    ),
     "patience": Ablation(
         "a source gets as many steps as the target", changes={"decisions": {"patience": 1.0}}
     ),

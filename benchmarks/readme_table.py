@@ -11,6 +11,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 HERE = Path(__file__).parent
 Run = dict[str, Any]
 Column = tuple[str, Callable[[Sequence[Run]], str]]
@@ -87,15 +90,6 @@ _PAPER: list[Column] = [
     ("success", figure("unseen_layouts/success", ".1%", less_is_better=False)),
 ]
 
-INHERITANCE: list[Column] = [
-    ("seeds", seeds),
-    ("frames", figure("frames", ",.0f", less_is_better=True)),
-    ("jump-start", figure("jump_start", ".2f", less_is_better=False)),
-    ("frames to 0.9", figure("to_success/0.9/frames", ",.0f", less_is_better=True)),
-    ("success", figure("success", ".1%", less_is_better=False)),
-    ("area", figure("area_under_curve", ".2f", less_is_better=False)),
-]
-
 _MAZE: list[Column] = [
     ("seeds", seeds),
     ("steps of training", figure("frames", ",.0f", less_is_better=True)),
@@ -120,6 +114,54 @@ _CHECK: list[Column] = [
 _ABLATED = [column for column in _MAZE if column[0] not in ("steps", "crisp")]
 
 
+RIVALS = ("finetune", "hdm")
+SCENARIOS = ("A", "B", "C", "D", "A-place", "B-place", "C-place", "D-place")
+RESAMPLES = 20_000
+
+
+def compared(results: Run, figure: str = "area_under_curve") -> str:
+    """Markdown: `paddle` beside its rivals, scenario by scenario, seed by seed; what the intervals bear."""
+    by_name: dict[tuple[str, str, str | None], dict[int, float]] = {}
+    for run in results["runs"].values():
+        if run["kind"] == "transfer" and run[figure] is not None:
+            key = run["method"], run["task"], run["scenario"]
+            by_name.setdefault(key, {})[run["seed"]] = run[figure]
+    rows = [["scenario", "against", "seeds", "`paddle`", "it", "difference", "P(improvement)", "`paddle` is"]]
+    for (method, task, scenario), ours in sorted(by_name.items(), key=str):
+        for rival in RIVALS if method == "paddle" and scenario in SCENARIOS else ():
+            theirs = by_name.get((rival, task, None if rival == "hdm" else scenario), {})
+            seeds = sorted(ours.keys() & theirs.keys())
+            if seeds:
+                x, y = (np.array([found[seed] for seed in seeds]) for found in (ours, theirs))
+                rows.append([str(scenario), f"`{rival}`", str(len(seeds)), *_difference(x, y)])
+    return _markdown(rows) if len(rows) > 1 else ""
+
+
+def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> list[str]:
+    """Means, paired difference and P(improvement) with 95 % bootstrap intervals over seeds, and a verdict."""
+    rng, n = np.random.default_rng(0), len(ours)
+    drawn = rng.integers(n, size=(RESAMPLES, n))
+    differences = (ours - theirs)[drawn].mean(-1)
+    better = _improvement(ours[drawn], theirs[rng.integers(n, size=(RESAMPLES, n))])
+    low, high = np.quantile(differences, (0.025, 0.975))
+    worst, best = np.quantile(better, (0.025, 0.975))
+    verdict = "ahead" if low > 0 else "behind" if high < 0 else "level"
+    return [
+        f"{ours.mean():.2f}",
+        f"{theirs.mean():.2f}",
+        f"{(ours - theirs).mean():+.2f} [{low:+.2f}, {high:+.2f}]",
+        f"{_improvement(ours[None], theirs[None])[0]:.2f} [{worst:.2f}, {best:.2f}]",
+        verdict,
+    ]
+
+
+def _improvement(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of all pairs of runs in which ours has more; a tie counts half. [n, S], [n, S] -> [n]"""
+    pairs = np.sign(ours[:, :, None] - theirs[:, None, :])
+    share: NDArray[np.float64] = (0.5 + 0.5 * pairs).mean((1, 2))
+    return share
+
+
 def tables(results: Run) -> str:
     """Markdown: the sources, what was learned of the targets, that with random sources, how to read it."""
     runs = results["runs"].values()
@@ -137,11 +179,6 @@ def tables(results: Run) -> str:
         _reading(list(runs)),
     ]
     return "\n\n".join(part for part in parts if part)
-
-
-def inheritance_table(runs: Sequence[Run]) -> str:
-    """Markdown: what the target learns alone with an inherited low level."""
-    return table("without guides", INHERITANCE, grouped(runs, lambda run: run["name"]))
 
 
 def maze_tables(results: Run) -> str:
@@ -210,6 +247,10 @@ def table(title: str, columns: Sequence[Column], groups: dict[str, list[Run]]) -
         return ""
     rows = [[title, *(name for name, _ in columns)]]
     rows += [[name, *(cell(runs) for _, cell in columns)] for name, runs in groups.items()]
+    return _markdown(rows)
+
+
+def _markdown(rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = [
         "| " + " | ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)) + " |"
@@ -246,14 +287,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--results", type=Path, default=HERE / "learning.json")
     parser.add_argument("--maze", type=Path, default=HERE / "maze.json")
-    parser.add_argument("--inheritance", type=Path, default=HERE / "inheritance.json")
     parser.add_argument("--sanity", type=Path, default=HERE / "sanity.json")
     parser.add_argument("--readme", type=Path, default=HERE.parent / "README.md")
     parser.add_argument("--methods", type=Path, default=HERE.parent / "docs" / "methods.md")
     options = parser.parse_args()
     text = options.readme.read_text()
     text = _put(text, "results", tables(json.loads(options.results.read_text())))
-    text = _put(text, "inheritance", inheritance_table(json.loads(options.inheritance.read_text())["runs"]))
+    text = _put(text, "compared", compared(json.loads(options.results.read_text())))
     text = _put(text, "maze", maze_tables(json.loads(options.maze.read_text())))
     options.readme.write_text(text)
     if options.sanity.exists():
