@@ -47,7 +47,7 @@ LETTER: dict[str, dict[str, Any]] = {
     "values": {"values": "per_guide"},
     "source_softness": {"source_softness": 0.0},
     "imitation_margin": {"imitation_margin": 0.0},
-    "lanes": {"lanes": 64},
+    "num_envs": {"num_envs": 64},
 }
 LETTER["letter"] = {name: value for reading in LETTER.values() for name, value in reading.items()}
 LETTER = {name: {"mode": "paper", **reading} for name, reading in LETTER.items()}

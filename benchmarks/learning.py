@@ -63,7 +63,7 @@ READINGS: dict[str, Guidance] = {
         values="per_guide",
         source_softness=0.0,
         imitation_margin=0.0,
-        lanes=64,
+        num_envs=64,
     ),
 }
 """What is added to a scenario's name -> how Eqs. 2 and 3 are read."""

@@ -117,7 +117,7 @@ class Guidance(_Closed):
     values: Literal["per_guide", "per_subgoal"] = PaperSettings.values
     source_softness: Share = PaperSettings.source_softness
     imitation_margin: Share = PaperSettings.imitation_margin
-    lanes: Annotated[int, Field(ge=1, le=4096)] = PaperSettings.lanes
+    num_envs: Annotated[int, Field(ge=1, le=4096)] = PaperSettings.num_envs
 
     @model_validator(mode="after")
     def _readings_of_paper(self) -> "Guidance":

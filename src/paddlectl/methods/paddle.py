@@ -189,8 +189,8 @@ def _settings(task: Task, scenario: Scenario, *changes: Mapping[str, Any]) -> Hy
     if readings is None:
         return reduce(changed, changes, _presets(task).get("guided", usual))
     as_in_paper = {
-        "num_envs": readings.lanes,
-        "rollout_steps": max(1, usual.num_envs * usual.rollout_steps // readings.lanes),
+        "num_envs": readings.num_envs,
+        "rollout_steps": max(1, usual.num_envs * usual.rollout_steps // readings.num_envs),
         "decisions": {"patience": 1.0},
         "credit": {"imitation_margin": readings.imitation_margin},
     }

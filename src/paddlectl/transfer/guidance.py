@@ -48,7 +48,7 @@ class PaperSettings:
         imitation_margin: The target imitates a subgoal that a guide reached unless it knows one that is
             better by more than this. At a fork of two good ways it would else prefer the one that its
             guides don't go, whose value is measured too seldom for it ever to lead there.
-        lanes: Environments side by side; so many choose before the first return is known. An update is of as
+        num_envs: Environments side by side; so many choose before the first return is known. An update is of as
             many steps as usual.
     """
 
@@ -58,7 +58,7 @@ class PaperSettings:
     values: Literal["per_guide", "per_subgoal"] = "per_subgoal"
     source_softness: float = 0.05
     imitation_margin: float = 0.05
-    lanes: int = 8
+    num_envs: int = 8
 
 
 @dataclass(frozen=True)
