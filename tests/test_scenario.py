@@ -134,7 +134,7 @@ MISTAKES = [
     ("body_weight", "bodyweight", "7:14: unknown key 'bodyweight'; did you mean 'body_weight'?"),
     ("{mode: default}", "{mode: papr}", "8:18: guidance.mode: input should be 'default' or 'paper'"),
     ("{mode: default}", "{mode: paper, normalise: clp}", "8:36: guidance.normalise: input should be 'clip'"),
-    ("{mode: default}", "{mode: paper, num_envs: 0}", "8:35: guidance.num_envs: input should be greater than"),
+    ("{mode: default}", "{mode: paper, num_envs: 0}", "8:35: guidance.num_envs: input should be greater"),
     ("{mode: default}", "{values: per_guide}", "8:11: values is a reading of the paper: add mode: paper"),
     ("{mode: default}", "default", "8:11: guidance: must be a mapping of keys to values"),
     ("{mode: default}", "{mode: default", "9:1: not YAML: did not find expected ',' or '}'"),

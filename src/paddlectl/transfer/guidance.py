@@ -48,8 +48,8 @@ class PaperSettings:
         imitation_margin: The target imitates a subgoal that a guide reached unless it knows one that is
             better by more than this. At a fork of two good ways it would else prefer the one that its
             guides don't go, whose value is measured too seldom for it ever to lead there.
-        num_envs: Environments side by side; so many choose before the first return is known. An update is of as
-            many steps as usual.
+        num_envs: Environments side by side; so many choose before the first return is known. An update is of
+            as many steps as usual.
     """
 
     initial_performance: float = 0.0
