@@ -1,4 +1,4 @@
-"""The tables of the result files, put between the marks of README.md and docs/methods.md.
+"""The tables of the result files, put between the marks of README.md, docs/methods.md and docs/guidance.md.
 
 python benchmarks/readme_table.py
 """
@@ -114,6 +114,33 @@ _CHECK: list[Column] = [
 _ABLATED = [column for column in _MAZE if column[0] not in ("steps", "crisp")]
 
 
+def _slowest(bar: str) -> Callable[[Sequence[Run]], str]:
+    """A cell: the subgoal that the target came to reach last in this share of its decisions, and when."""
+
+    def cell(runs: Sequence[Run]) -> str:
+        never = float("inf")
+        frames = {
+            subgoal: median(run["frames_to"][subgoal].get(bar, never) for run in runs)
+            for subgoal in runs[0]["frames_to"]
+        }
+        last = max(frames.values())
+        names = ", ".join(f"`{name.removesuffix('()')}`" for name in frames if frames[name] == last)
+        return f"never: {names}" if last == never else f"{last:,.0f}: {names}"
+
+    return cell
+
+
+_WHY: list[Column] = [
+    ("seeds", seeds),
+    ("area", figure("area_under_curve", ".2f", less_is_better=False)),
+    ("led by guides", figure("guided", ".0%", less_is_better=False)),
+    ("of it missed", figure("guided_and_missed", ".0%", less_is_better=True)),
+    ("of it unsolved", figure("guided_and_unsolved", ".0%", less_is_better=True)),
+    ("slowest subgoal to 0.5", _slowest("0.5")),
+    ("to 0.9", _slowest("0.9")),
+]
+
+
 RIVALS = ("finetune", "hdm")
 SCENARIOS = ("A", "B", "C", "D", "A-place", "B-place", "C-place", "D-place")
 RESAMPLES = 20_000
@@ -179,6 +206,13 @@ def tables(results: Run) -> str:
         _reading(list(runs)),
     ]
     return "\n\n".join(part for part in parts if part)
+
+
+def why_table(runs: Sequence[Run]) -> str:
+    """Markdown: what guides led, and what the target learned meanwhile."""
+    return table(
+        "scenario, episodes", _WHY, grouped(runs, lambda run: f"{run['scenario']}, {run['episodes']}")
+    )
 
 
 def maze_tables(results: Run) -> str:
@@ -288,6 +322,8 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=HERE / "learning.json")
     parser.add_argument("--maze", type=Path, default=HERE / "maze.json")
     parser.add_argument("--sanity", type=Path, default=HERE / "sanity.json")
+    parser.add_argument("--why", type=Path, default=HERE / "why.json")
+    parser.add_argument("--guidance", type=Path, default=HERE.parent / "docs" / "guidance.md")
     parser.add_argument("--readme", type=Path, default=HERE.parent / "README.md")
     parser.add_argument("--methods", type=Path, default=HERE.parent / "docs" / "methods.md")
     options = parser.parse_args()
@@ -296,6 +332,9 @@ def main() -> None:
     text = _put(text, "compared", compared(json.loads(options.results.read_text())))
     text = _put(text, "maze", maze_tables(json.loads(options.maze.read_text())))
     options.readme.write_text(text)
+    if options.why.exists():
+        why = why_table(json.loads(options.why.read_text())["runs"])
+        options.guidance.write_text(_put(options.guidance.read_text(), "why", why))
     if options.sanity.exists():
         checks = check_tables(json.loads(options.sanity.read_text()))
         options.methods.write_text(_put(options.methods.read_text(), "checks", checks))

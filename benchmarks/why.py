@@ -18,10 +18,10 @@ from datetime import UTC, datetime
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from learning import BUDGETS, HERE, commit, machine, scenario_of, sources_of
+from readme_table import why_table
 
 from paddlectl.registry.store import Registry
 
@@ -114,38 +114,6 @@ def learned(registry: str, frames: int | None, job: tuple[str, str, int]) -> Res
     }
 
 
-def table(runs: Sequence[Result]) -> str:
-    """Markdown: a row for each scenario and way, medians over seeds; – where a median seed never came."""
-    groups: dict[tuple[str, str], list[Result]] = {}
-    for run in runs:
-        groups.setdefault((run["scenario"], run["episodes"]), []).append(run)
-    lines = [
-        "| scenario | episodes | area | led by guides | of it missed | of it unsolved "
-        "| slowest subgoal to 0.5 | and to 0.9 |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for (scenario, way), group in sorted(groups.items()):
-        shares = [
-            f"{median(run[share] for run in group):.0%}"
-            for share in ("guided", "guided_and_missed", "guided_and_unsolved")
-        ]
-        slowest = [_slowest(group, str(bar)) for bar in BARS]
-        area = f"{median(run['area_under_curve'] for run in group):.2f}"
-        lines.append(f"| {' | '.join([scenario, way, area, *shares, *slowest])} |")
-    return "\n".join(lines)
-
-
-def _slowest(group: Sequence[Result], bar: str) -> str:
-    never = float("inf")
-    frames = {
-        subgoal: median(run["frames_to"][subgoal].get(bar, never) for run in group)
-        for subgoal in group[0]["frames_to"]
-    }
-    last = max(frames.values())
-    names = [subgoal.removesuffix("()") for subgoal, taken in frames.items() if taken == last]
-    return f"{'never' if last == never else format(round(last), ',')} ({', '.join(names)})"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -168,7 +136,7 @@ def main() -> None:
             runs = [known[key] for key in sorted(known)]
             written = datetime.now(UTC).isoformat(timespec="seconds")
             options.output.write_text(json.dumps({"runs": runs, "written": written}, indent=1) + "\n")
-    print(table(list(known.values())))
+    print(why_table(list(known.values())))
 
 
 def _key(run: Result) -> tuple[str, str, int]:
