@@ -382,7 +382,7 @@ def main() -> None:
     registry = Registry.open(options.registry)
     with collected(options, registry, _ours, tables):
         # Sources first: a transfer's job names their policies.
-        for parts in (["sources"], ["paddle", "hdm", "random", "paper"]):
+        for parts in (PARTS[:1], PARTS[1:]):  # the sources have to be there
             chosen = [part for part in parts if part in options.parts]
             jobs = list(jobs_of(argparse.Namespace(**{**vars(options), "parts": chosen}), registry))
             run(jobs, options.registry, options.workers)
