@@ -58,7 +58,8 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
                             job.run, status="finished", frames=1, episodes=0, seconds=1.0, results={}
                         )
                 run = opened.runs()[0] if not isinstance(job, ResumeJob) else opened.run(job.run)
-                rows.append({"run": run.id, "policy": run.policy})
+                kept = opened.policy(run.policy) if run.policy else None
+                rows.append({"run": run.id, "policy": run.policy, "crispness": kept and kept.crispness})
         return rows
 
     played = policies.evaluate

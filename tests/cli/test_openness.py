@@ -321,6 +321,10 @@ def test_a_name_that_no_registry_keeps_is_no_tasks(installed: Path, name: str) -
     [
         ("ENTRY = 3", "it gives int instead of paddlectl.methods.catalogue.Entry"),
         ("ENTRY = Entry('climb:METHOD', '', 'ppo', DISCRETE)", "it gives str instead of builtins.tuple"),
+        (
+            "ENTRY = Entry('climb:METHOD', '', ('pdo',), DISCRETE)",
+            "it reuses what 'pdo' learned, which is no",
+        ),
         ("ENTRY = Entry('climb:METHOD', '', (), frozenset())", "actions can't be frozenset()"),
         ("ENTRY = Entry('climb:METHOD', '', (), frozenset({'x'}))", "actions can't be"),
         ("ENTRY = Entry('climb:METHOD', '', (), DISCRETE, ['x'])", "it gives list instead of"),

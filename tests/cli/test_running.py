@@ -64,6 +64,14 @@ def jobs_done(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Job]]:
     return replace
 
 
+@pytest.mark.parametrize(("crispness", "look"), [(1.0, "show"), (None, "evaluate")])
+def test_what_has_no_program_isnt_to_be_shown(
+    command: Command, jobs_done: Callable[..., list[Job]], crispness: float | None, look: str
+) -> None:
+    jobs_done(ROW | {"crispness": crispness})
+    assert command("train", "BoxDoor").out.endswith(f"next: paddlectl {look} policy-9\n")
+
+
 def test_what_failed_is_told_after_the_rows_of_the_others(
     command: Command, jobs_done: Callable[..., list[Job]]
 ) -> None:

@@ -24,7 +24,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Job]:
         rows = []
         with Registry.open(registry) as opened:
             for job in jobs:
-                row = {"run": "run-9", "policy": "policy-9"}
+                row: dict[str, Any] = {"run": "run-9", "policy": "policy-9", "crispness": 1.0}
                 match job:
                     case TrainJob():
                         row["policy"] = add_source(
@@ -126,6 +126,11 @@ def test_train_missing_learns_what_each_seed_lacks(
         1: ("policy-6", "policy-7"),
         2: ("policy-8", "policy-4"),
     }
+
+
+def test_an_empty_method_is_none(registry: Registry, transfer: Command, asked: list[Job]) -> None:
+    answer = transfer(PAIRED, "--method", "")
+    assert (answer.code, asked) == (2, []) and "unknown method" in answer.err
 
 
 WRONG = [

@@ -78,7 +78,7 @@ def test_it_plays_on_every_task_of_its_domain(flat: Registry, command: Command) 
 
 def test_its_run_is_no_transfer(flat: Registry, command: Command) -> None:
     answer = command("explain", "run-1")
-    assert (answer.code, answer.err.splitlines()[1]) == (4, "run: paddlectl show policy-1")
+    assert (answer.code, answer.err.splitlines()[1]) == (4, "run: paddlectl evaluate policy-1")
 
 
 def test_a_transfer_without_clauses_is_explained(flat: Registry, command: Command) -> None:
@@ -109,15 +109,18 @@ def test_it_has_no_clauses_to_compare(flat: Registry, command: Command) -> None:
         assert (answer.code, answer.out) == (2, "")
         message, hint = answer.err.splitlines()
         assert message == "error: policy-1 was learned by ppo, which has no clauses to compare"
-        assert hint == "run: paddlectl train BoxDoor"
+        assert hint == "name BoxDoor instead, and run: paddlectl train BoxDoor"
     answer = command("similarity", "--target", "CoffeeMaze", "--source", "policy-1")
-    assert (answer.code, answer.err.count("\n")) == (2, 1) and "is of maze2d" in answer.err
+    assert (answer.code, answer.err.splitlines()[1]) == (2, "run: paddlectl policies")
+    assert "is of maze2d" in answer.err
     answer = command("similarity", "--target", "GapBall")
     assert (answer.code, answer.err.splitlines()[1]) == (4, "run: paddlectl train BlockedDoor")
 
 
 def test_once_the_hint_was_followed_the_task_has_clauses(flat: Registry, command: Command) -> None:
     new = hybrid(flat)
+    answer = command("similarity", "--target", "GapBall", "--source", "policy-1")
+    assert answer.err.splitlines()[1] == f"name {new} instead"
     assert flat.policy("BoxDoor").id == "policy-1"
     for more in ((), ("--source", "BoxDoor")):
         assert command("similarity", "--target", "GapBall", "--json", *more).json["sources"] == [new]

@@ -119,6 +119,18 @@ def test_a_policy_that_a_task_brings_in_again_is_refused(
     assert hint == "name policy-1 or GapBall alone"
 
 
+@pytest.mark.parametrize("beside", ["GapBall", "policy-2"])
+def test_what_would_stand_in_for_a_policy_may_stand_beside_it(
+    registry: Registry, learned: Callable[..., str], beside: str
+) -> None:
+    learned("GapBall", "ppo")
+    learned("GapBall")
+    learned("GapBall", success=0.1)
+    _, hint = refusal(UsageError, registry, scenario("policy-1", beside), "paddle", (0,))
+    assert hint == f"leave out policy-1, as {beside} stands beside it"
+    assert resolve(registry, scenario(beside), "paddle", (0,)).required() == {0: ("policy-2",)}
+
+
 NAMED = [
     # (task, domain and method of policy-1, message, hint)
     ("CoffeeMaze", "maze2d", "hdm", f"solves CoffeeMaze of maze2d; {TARGET} is of minigrid", "policies"),

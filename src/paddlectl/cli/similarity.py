@@ -103,12 +103,13 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
     for policy in found:
         if policy.domain != target.domain:
             raise UsageError(
-                f"{policy.id} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}"
+                f"{policy.id} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}",
+                "run: paddlectl policies",
             )
         if policy.program is None:
             raise UsageError(
                 f"{policy.id} was learned by {policy.method}, which has no clauses to compare",
-                f"run: paddlectl train {policy.task}",
+                _way_to_clauses(registry, policy.task, teaches),
             )
     return list({policy.id: policy for policy in found}.values())
 
@@ -124,6 +125,12 @@ def _named(registry: "Registry", name: str, teaches: str | None) -> "PolicyRecor
         with suppress(NotFoundError):
             return registry.policy(name, clauses=True)
     return policy
+
+
+def _way_to_clauses(registry: "Registry", task: str, teaches: str | None) -> str:
+    if task in registry.solved(method=teaches):
+        return f"name {registry.policy(task, teaches).id} instead"
+    return f"name {task} instead, and run: paddlectl train {task}"
 
 
 def _way_to_another(target: "Task") -> str:

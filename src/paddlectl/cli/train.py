@@ -76,7 +76,9 @@ def train(
     if as_json:
         print_json({"runs": ended.rows, "failed": ended.documents()})
     elif ended.rows:
-        next_one = here(f"next: paddlectl show {ended.rows[0]['policy']}")
+        first = ended.rows[0]
+        look = "evaluate" if first["crispness"] is None else "show"  # None is without clauses
+        next_one = here(f"next: paddlectl {look} {first['policy']}")
         print_text([table(TRAINED, ended.rows, "Trained"), next_one])
     ended.require_all()
 

@@ -80,7 +80,7 @@ def transfer(
 
     scenario = load_scenario(file)
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
-    method = method or scenario.method
+    method = scenario.method if method is None else method
     with stdout_kept():
         sources = sources_of(scenario, method, chosen, registry, train_missing, jobs)
     if any(sources.values()):

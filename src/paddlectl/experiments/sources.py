@@ -11,7 +11,6 @@ from paddlectl.registry.names import number_of
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
-from paddlectl.tasks.base import Task
 from paddlectl.tasks.suite import known, load
 
 ANY = 0
@@ -91,7 +90,7 @@ def resolve(registry: Registry, scenario: Scenario, method: str, seeds: Sequence
     ids: dict[str, str] = {}
     for name in scenario.source_names:
         if number_of(name, "policy") is not None:
-            ids[name] = _named(registry, name, target, method, teaches).id
+            ids[name] = _named(registry, name, scenario, method, teaches).id
         elif name in solved:
             ids[name] = registry.policy(name, teaches).id
     _require_distinct(ids)
@@ -121,9 +120,9 @@ def _sources(
     return Sources(ids, missing, scenario.paired)
 
 
-def _named(registry: Registry, name: str, target: Task, method: str, teaches: str) -> PolicyRecord:
+def _named(registry: Registry, name: str, scenario: Scenario, method: str, teaches: str) -> PolicyRecord:
     """The policy of an id, if the method can reuse it on the target."""
-    policy = registry.policy(name)
+    policy, target = registry.policy(name), load(scenario.target)
     if not known(policy.task):
         raise UsageError(f"{name} solves {policy.task}, which is no task here", "run: paddlectl policies")
     if policy.domain != target.domain:
@@ -133,8 +132,13 @@ def _named(registry: Registry, name: str, target: Task, method: str, teaches: st
         )
     if policy.method != teaches:
         by = f"{name} was learned by {policy.method}; {method} reuses what {teaches} learned"
-        if policy.task in registry.solved(method=teaches):
-            raise UsageError(by, f"name {registry.policy(policy.task, teaches).id} instead")
+        solved = policy.task in registry.solved(method=teaches)
+        fitting = [policy.task, *([registry.policy(policy.task, teaches).id] if solved else [])]
+        for other in fitting:
+            if other in scenario.source_names:
+                raise UsageError(by, f"leave out {name}, as {other} stands beside it")
+        if solved:
+            raise UsageError(by, f"name {fitting[-1]} instead")
         learn = Sources({}, [TrainJob(policy.task, ANY, method=teaches)], False).command()
         raise UsageError(by, f"name {policy.task} instead, and run: {learn}")
     return policy

@@ -147,6 +147,8 @@ def entry_of(name: str, offered: Callable[[], Sequence[str]] = names) -> Entry:
         entry: Entry = found
         require_kind(entry, Entry)
         require_kind(entry.teaches, tuple)
+        if unknown := [teacher for teacher in entry.teaches if not known(teacher)]:
+            raise ValueError(f"it reuses what {unknown[0]!r} learned, which is no method")
         if not entry.actions or not entry.actions <= _ANY:
             raise ValueError(f"actions can't be {entry.actions!r}")
         require_kind(entry.presets, Mapping)

@@ -104,7 +104,8 @@ def next_step(run: RunRecord) -> str:
     if run.kind == "transfer":
         return f"run: paddlectl explain {run.id}"
     if run.policy:
-        return f"run: paddlectl show {run.policy}"
+        without_program = run.results.get("crispness", 1.0) is None
+        return f"run: paddlectl {'evaluate' if without_program else 'show'} {run.policy}"
     stopped = run.status in ("interrupted", "failed") and run.method != "random"
     return f"run: paddlectl resume {run.id}" if stopped else "run: paddlectl runs"
 
