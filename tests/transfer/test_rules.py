@@ -215,6 +215,13 @@ def test_what_guides_know_decides_the_first_episodes(known, least, most):
     assert least <= np.mean([bandit.choose(rng) for _ in range(2000)]) <= most
 
 
+def test_a_target_is_measured_however_well_it_is_guided():
+    bandit, rng = guides.AloneOrGuided(1.0, 10.0, (300.0, 50.0), least=0.05), np.random.default_rng(0)
+    for _ in range(300):
+        bandit.record(alone=False, solved=True)
+    assert np.mean([bandit.choose(rng) for _ in range(4000)]) == pytest.approx(0.05, abs=0.015)
+
+
 @pytest.mark.parametrize("better", [False, True])
 def test_the_way_that_solves_more_leads(better):
     """Of 400 episodes, one way solving 0.9 and the other 0.3, whatever was believed."""

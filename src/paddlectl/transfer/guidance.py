@@ -82,6 +82,8 @@ class GuidanceSettings:
             target `alone`; or by a `bandit` one of both, whichever solves more (`AloneOrGuided`). Guides that
             know all subgoals of a task solve it at once; others bring it to where they are stuck.
         bandit_prior: Episodes' worth of belief in what a bandit expects before it has seen any.
+        least_alone: Share of the episodes that the target leads alone however well it is guided: so it is
+            measured, and can take its scenes over.
         target_samples: The target leads a scene by merit only after this many decisions there.
         target_margin: The target takes a scene over when it comes this near to the best source.
         source_memory: Latest decisions that a source's return is averaged over.
@@ -100,6 +102,7 @@ class GuidanceSettings:
     repeat_penalty: float = 0.3
     episodes: Literal["bandit", "guided", "alone"] = "bandit"
     bandit_prior: float = 10.0
+    least_alone: float = 0.05
     target_samples: float = 20.0
     target_margin: float = 0.02
     source_memory: float = 300.0

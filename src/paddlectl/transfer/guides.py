@@ -278,18 +278,20 @@ class AloneOrGuided:
         prior: Episodes' worth of belief that κ³ of the guided ones are solved, and half of those alone. It
             stays, whatever is seen.
         memory: A way weighs about so many of its latest episodes: guided, alone. [2]
+        least: Share of the episodes that the target leads alone in any case, so that it is measured.
     """
 
-    def __init__(self, known: float, prior: float, memory: tuple[float, float]) -> None:
+    def __init__(self, known: float, prior: float, memory: tuple[float, float], least: float = 0.0) -> None:
         solved = np.array([known**3, 0.5])
         self._prior = prior * np.stack([solved, 1.0 - solved])  # solved and not, by way
         self._seen = np.zeros((2, 2))
         self._keep = 1.0 - 1.0 / np.array(memory)
+        self._least = least
 
     def choose(self, rng: np.random.Generator) -> bool:
         """Whether the target leads the next episode alone."""
         guided, alone = np.asarray(rng.beta(*np.maximum(self._prior + self._seen, 1e-3)))
-        return bool(alone > guided)
+        return bool(alone > guided) or rng.random() < self._least
 
     def record(self, alone: bool, solved: bool) -> None:
         """Counts an episode."""
@@ -324,7 +326,7 @@ class PlannedGuides(GuideSelector):
         self._repeats = np.zeros((num_envs, self.shape[0], *guides_and_subgoals), np.float32)
         known = float(candidates.subgoals[1:, self._own_subgoals].any(0).mean())
         memories = settings.source_memory, settings.target_memory
-        self._bandit = AloneOrGuided(known, settings.bandit_prior, memories)
+        self._bandit = AloneOrGuided(known, settings.bandit_prior, memories, settings.least_alone)
         self._alone = np.zeros(num_envs, np.bool_)
         self._begins = np.ones(num_envs, np.bool_)
 
