@@ -146,13 +146,13 @@ SCENARIOS = ("A", "B", "C", "D", "A-place", "B-place", "C-place", "D-place")
 RESAMPLES = 20_000
 
 
-def compared(results: Run, figure: str = "area_under_curve") -> str:
+def compared(results: Run) -> str:
     """Markdown: `paddle` beside its rivals, scenario by scenario, seed by seed; what the intervals bear."""
     by_name: dict[tuple[str, str, str | None], dict[int, float]] = {}
     for run in results["runs"].values():
-        if run["kind"] == "transfer" and run[figure] is not None:
+        if run["kind"] == "transfer":
             key = run["method"], run["task"], run["scenario"]
-            by_name.setdefault(key, {})[run["seed"]] = run[figure]
+            by_name.setdefault(key, {})[run["seed"]] = run["area_under_curve"]
     rows = [["scenario", "against", "seeds", "`paddle`", "it", "difference", "P(improvement)", "`paddle` is"]]
     for (method, task, scenario), ours in sorted(by_name.items(), key=str):
         for rival in RIVALS if method == "paddle" and scenario in SCENARIOS else ():
