@@ -11,6 +11,7 @@ from paddlectl.learners.buffers import TARGET
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.transfer import guides
+from paddlectl.transfer.bandit import AloneOrGuided
 from paddlectl.transfer.candidates import Source, candidates_of, inherited_program
 from paddlectl.transfer.guidance import RULES, GuidanceSettings, PaperSettings
 from paddlectl.transfer.similarity import map_scenes
@@ -211,12 +212,12 @@ def play_unsolved(selector, count):
 
 @pytest.mark.parametrize(("known", "least", "most"), [(1.0, 0.0, 0.02), (0.8, 0.3, 0.7), (0.4, 0.85, 1.0)])
 def test_what_guides_know_decides_the_first_episodes(known, least, most):
-    bandit, rng = guides.AloneOrGuided(known, prior=10.0, memory=(300.0, 50.0)), np.random.default_rng(0)
+    bandit, rng = AloneOrGuided(known, prior=10.0, memory=(300.0, 50.0)), np.random.default_rng(0)
     assert least <= np.mean([bandit.choose(rng) for _ in range(2000)]) <= most
 
 
 def test_a_target_is_measured_however_well_it_is_guided():
-    bandit, rng = guides.AloneOrGuided(1.0, 10.0, (300.0, 50.0), least=0.05), np.random.default_rng(0)
+    bandit, rng = AloneOrGuided(1.0, 10.0, (300.0, 50.0), least=0.05), np.random.default_rng(0)
     for _ in range(300):
         bandit.record(alone=False, solved=True)
     assert np.mean([bandit.choose(rng) for _ in range(4000)]) == pytest.approx(0.05, abs=0.015)
@@ -225,7 +226,7 @@ def test_a_target_is_measured_however_well_it_is_guided():
 @pytest.mark.parametrize("better", [False, True])
 def test_the_way_that_solves_more_leads(better):
     """Of 400 episodes, one way solving 0.9 and the other 0.3, whatever was believed."""
-    bandit, rng = guides.AloneOrGuided(0.8, prior=10.0, memory=(300.0, 50.0)), np.random.default_rng(0)
+    bandit, rng = AloneOrGuided(0.8, prior=10.0, memory=(300.0, 50.0)), np.random.default_rng(0)
     for _ in range(400):
         alone = bandit.choose(rng)
         bandit.record(alone, rng.random() < (0.9 if alone == better else 0.3))
@@ -233,7 +234,7 @@ def test_the_way_that_solves_more_leads(better):
 
 
 def test_the_counts_by_hand():
-    bandit = guides.AloneOrGuided(0.5, prior=4.0, memory=(2.0, 4.0))
+    bandit = AloneOrGuided(0.5, prior=4.0, memory=(2.0, 4.0))
     assert bandit._prior.tolist() == [[0.5, 2.0], [3.5, 2.0]]  # solved and not, guided and alone
     for alone, solved in ((False, True), (False, False), (True, False), (True, False)):
         bandit.record(alone, solved)
