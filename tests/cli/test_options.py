@@ -21,7 +21,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
     def run_jobs(jobs: list[Any], registry: str, *_: object, **__: object) -> list[dict[str, str]]:
         found.extend([*jobs, registry])
-        return [{"run": "run-1", "policy": "policy-1"} for _ in jobs]
+        return [{"run": "run-1", "policy": "policy-1", "crispness": None} for _ in jobs]
 
     monkeypatch.setattr("paddlectl.experiments.processes.run_jobs", run_jobs)
     return found
