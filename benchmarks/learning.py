@@ -33,7 +33,7 @@ import numpy as np
 from readme_table import tables
 
 from paddlectl.errors import PaddlectlError
-from paddlectl.experiments.curves import in_order
+from paddlectl.experiments.curves import LearningCurve, in_order
 from paddlectl.experiments.jobs import Event, Job, Progress, TrainJob, TransferJob
 from paddlectl.experiments.sources import resolve
 from paddlectl.registry.records import RunRecord
@@ -175,12 +175,10 @@ def key_of(record: RunRecord) -> str:
 
 def figures(registry: Registry, record: RunRecord, shortest: float) -> Result:
     """All figures of a finished run, from the registry alone."""
-    from paddlectl.experiments.curves import curve_figures
-
     episodes = episodes_of(registry, record)
     progress = registry.files.read_rows(record.id, "progress")
     policy = registry.policy(record.policy or "")
-    curve = curve_figures(episodes, record.frames)
+    curve = LearningCurve(episodes, record.frames).figures()
     known = in_order(episodes)
     return {
         "kind": "source" if record.kind == "train" else "transfer",
@@ -244,14 +242,9 @@ def _reached(episodes: Sequence[Ended], progress: Sequence[Result], bar: float) 
 
     Counted by their start: those that end early are the lucky ones.
     """
-    if len(episodes) < 100:
+    frames = LearningCurve(episodes, 0).frames_to(bar)
+    if frames is None:
         return None
-    windows = np.lib.stride_tricks.sliding_window_view
-    success = windows([e.score > 0 for e in episodes], 100).mean(-1)
-    ended = windows([e.finished for e in episodes], 100).max(-1)
-    if not (success >= bar).any():
-        return None
-    frames = int(ended[success >= bar].min())
     seconds = next((row["seconds"] for row in progress if row["frames"] >= frames), None)
     return {"frames": frames, "seconds": seconds}
 

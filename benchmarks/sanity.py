@@ -28,7 +28,7 @@ from learning import BARS, commit, episodes_of, machine, run
 from learning import _reached as reached
 
 from paddlectl.errors import NotFoundError
-from paddlectl.experiments.curves import curve_figures, in_order
+from paddlectl.experiments.curves import LearningCurve, in_order
 from paddlectl.experiments.jobs import Job, TrainJob, TransferJob
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
@@ -132,7 +132,7 @@ def figures(registry: Registry, record: RunRecord) -> Result:
         "seed": record.seed,
         "frames": record.frames,
         "seconds": record.seconds,
-        **curve_figures(episodes, record.frames),
+        **LearningCurve(episodes, record.frames).figures(),
         "to_success": {str(bar): reached(known, progress, bar) for bar in BARS},
         "unseen": policy.success_rate,
         "mean_length": policy.mean_length,

@@ -79,7 +79,7 @@ def learned(registry: str, frames: int | None, job: tuple[str, str, int]) -> Res
     import torch
 
     from paddlectl.agents.interaction import Learning
-    from paddlectl.experiments.curves import curve_figures
+    from paddlectl.experiments.curves import LearningCurve
     from paddlectl.experiments.runner import _source
     from paddlectl.methods.base import Setup
     from paddlectl.methods.paddle import PADDLE
@@ -105,7 +105,7 @@ def learned(registry: str, frames: int | None, job: tuple[str, str, int]) -> Res
         "scenario": name,
         "episodes": way,
         "seed": seed,
-        "area_under_curve": curve_figures(episodes, budget)["area_under_curve"],
+        "area_under_curve": LearningCurve(episodes, budget).figures()["area_under_curve"],
         "guided": ledger.guided / ledger.frames,
         "guided_and_missed": ledger.missed / max(1, ledger.guided),
         "guided_and_unsolved": ledger.unsolved / max(1, ledger.guided),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from paddlectl.agents.base import Episode
-from paddlectl.experiments.curves import WINDOW, Curve, curve_figures, in_order, rates
+from paddlectl.experiments.curves import WINDOW, Curve, LearningCurve, in_order, rates
 
 
 def episode(order, started, finished, score):
@@ -12,7 +12,7 @@ def episode(order, started, finished, score):
 
 
 def figures(rows, frames):
-    return curve_figures([episode(*row) for row in rows], frames)
+    return LearningCurve([episode(*row) for row in rows], frames).figures()
 
 
 # Of episodes that start one after another every second is solved, in a third of the time of the others.
@@ -76,3 +76,22 @@ def test_the_area_is_over_the_latest_hundred_that_had_started():
 def test_a_run_without_episodes_has_figures_of_zero():
     nothing = {"jump_start": 0.0, "final_score": 0.0, "success_rate": 0.0, "area_under_curve": 0.0}
     assert figures([], 4096) == nothing
+
+
+def test_when_a_share_of_a_hundred_that_started_one_after_another_was_solved():
+    # one starts every 5 frames and takes 7; 100 fail, then all are solved: 50 of the latest 100 after 150
+    rows = [(n, 5 * n, 5 * n + 7, 0.0 if n < 100 else 1.0) for n in range(200)]
+    curve = LearningCurve([episode(*row) for row in rows], 1000)
+    assert curve.frames_to(0.5) == 5 * 149 + 7
+    assert curve.frames_to(1.0) == 5 * 199 + 7
+    assert LearningCurve([episode(*row) for row in rows[:199]], 1000).frames_to(1.0) is None
+    # the slowest of the hundred decides, not the one that started last
+    rows[120] = (120, 600, 990, 1.0)
+    assert LearningCurve([episode(*row) for row in rows], 1000).frames_to(0.5) == 990
+
+
+def test_the_curve_by_episodes_is_of_the_latest_hundred_after_every_few():
+    rows = [(n, n, n + 1, float(n >= 100)) for n in range(250)]
+    curve = LearningCurve([episode(*row) for row in rows], 250)
+    assert curve.by_episodes(50) == [0.0, 0.0, 0.5, 1.0, 1.0]
+    assert LearningCurve([], 250).by_episodes(50) == []

@@ -18,9 +18,9 @@ from paddlectl.agents.interaction import Learning, Round
 from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError, RegistryBusyError, UsageError
 from paddlectl.experiments import runner, snapshot
 from paddlectl.experiments.checkpointer import Checkpointer
-from paddlectl.experiments.curves import curve_figures
+from paddlectl.experiments.curves import LearningCurve
 from paddlectl.experiments.jobs import TrainJob
-from paddlectl.experiments.log import recorded
+from paddlectl.experiments.log import ended_episodes, recorded
 from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.runner import train_source
 from paddlectl.experiments.stop import Stop
@@ -323,7 +323,7 @@ def after(count: int, place: Path) -> Kept:
                 with suppress(KeyboardInterrupt):
                     after_round()
         assert (log.curve.ended, log.curve.known) == (count, count)
-        assert curve_figures(log.ended(), log.frames)["jump_start"] > 0.3
+        assert LearningCurve(ended_episodes(registry, run.id), log.frames).figures()["jump_start"] > 0.3
     return Kept(found[-1].bytes, min(each.seconds for each in found))
 
 

@@ -15,6 +15,8 @@ from paddlectl.agents.base import Episode
 
 WINDOW = 100
 """Episodes that a figure is over."""
+MOMENTS = 100
+"""Points of a curve over frames."""
 
 
 class Ordered(Protocol):
@@ -25,10 +27,12 @@ class Ordered(Protocol):
 
 
 class Ended(Ordered, Protocol):
-    """An episode that ended: when it started, and its score."""
+    """An episode that ended: when it started and ended, and its score."""
 
     @property
     def started(self) -> int: ...
+    @property
+    def finished(self) -> int: ...
     @property
     def score(self) -> float: ...
 
@@ -108,37 +112,61 @@ def _rates(scores: np.ndarray) -> dict[str, float | None]:
     return {"success_rate": float((scores > 0).mean()), "mean_score": float(scores.mean())}
 
 
-def curve_figures(ended: Iterable[Ended], frames: int) -> dict[str, float]:
-    """The figures of a learning curve.
+class LearningCurve:
+    """A finished run's curve, over the episodes in the order in which they started.
 
     Args:
         ended: All episodes that ended within the run, in any order.
         frames: Of the whole run.
-
-    Returns:
-        `jump_start`: mean score of the first 100 episodes started; one that didn't end within the run counts
-        as 0. `final_score` and `success_rate`: of the last 100 of `in_order`. `area_under_curve`: the mean,
-        over 100 moments evenly spread from the start of the run, of the mean score of the latest 100
-        episodes of `in_order` that had started by then.
     """
-    rows = np.fromiter(((e.order, e.started, e.score) for e in ended), _ROW)
-    first = rows["score"][rows["order"] < WINDOW]
-    rows.sort(order="order")
-    known = rows[rows["order"] == np.arange(len(rows))]
-    scores = known["score"]
-    moments = np.linspace(0, frames, 100, endpoint=False)
-    started = np.searchsorted(known["started"], moments, side="right")
-    last = _rates(scores[-WINDOW:])
-    return {
-        "jump_start": sum(first.tolist()) / WINDOW,
-        "final_score": last["mean_score"] or 0.0,
-        "success_rate": last["success_rate"] or 0.0,
-        "area_under_curve": float(np.mean([_mean(scores[max(0, n - WINDOW) : n]) for n in started])),
-    }
+
+    def __init__(self, ended: Iterable[Ended], frames: int) -> None:
+        rows = np.fromiter(((e.order, e.started, e.finished, e.score) for e in ended), _ROW)
+        rows.sort(order="order")
+        self._frames = frames
+        self._first = rows["score"][rows["order"] < WINDOW]
+        self._known = rows[rows["order"] == np.arange(len(rows))]
+
+    def figures(self) -> dict[str, float]:
+        """The run in four numbers.
+
+        Returns:
+            `jump_start`: mean score of the first 100 episodes started; one that didn't end within the run
+            counts as 0. `final_score` and `success_rate`: of the last 100. `area_under_curve`: the mean of
+            `by_frames`.
+        """
+        last = _rates(self._known["score"][-WINDOW:])
+        return {
+            "jump_start": sum(self._first.tolist()) / WINDOW,
+            "final_score": last["mean_score"] or 0.0,
+            "success_rate": last["success_rate"] or 0.0,
+            "area_under_curve": float(np.mean(self.by_frames())),
+        }
+
+    def by_frames(self) -> list[float]:
+        """Mean score of the latest 100 that had started, at 100 moments evenly spread from the start."""
+        moments = np.linspace(0, self._frames, MOMENTS, endpoint=False)
+        return [self._score(n) for n in np.searchsorted(self._known["started"], moments, side="right")]
+
+    def by_episodes(self, step: int) -> list[float]:
+        """Mean score of the latest 100, after every `step` episodes."""
+        return [self._score(n) for n in range(step, len(self._known) + 1, step)]
+
+    def frames_to(self, success_rate: float) -> int | None:
+        """Frames after which 100 that started one after another had all ended, this share of them solved.
+
+        None if there were none. Counted by their start: those that end early are the lucky ones.
+        """
+        if len(self._known) < WINDOW:
+            return None
+        latest = np.lib.stride_tricks.sliding_window_view
+        good = latest(self._known["score"] > 0, WINDOW).mean(-1) >= success_rate
+        ended = latest(self._known["finished"], WINDOW).max(-1)[good]
+        return int(ended.min()) if len(ended) else None
+
+    def _score(self, known: int) -> float:
+        scores = self._known["score"][max(0, known - WINDOW) : known]
+        return float(scores.mean()) if len(scores) else 0.0
 
 
-_ROW = np.dtype([("order", np.intp), ("started", np.intp), ("score", np.float64)])
-
-
-def _mean(values: np.ndarray) -> float:
-    return float(values.mean()) if len(values) else 0.0
+_ROW = np.dtype([("order", np.intp), ("started", np.intp), ("finished", np.intp), ("score", np.float64)])

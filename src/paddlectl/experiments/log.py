@@ -22,6 +22,7 @@ class Row(NamedTuple):
 
     order: int
     started: int
+    finished: int
     score: float
 
 
@@ -77,19 +78,20 @@ class RunLog:
         """How far the run is, of `total` frames."""
         return Progress(self.run, self.frames, total, self.curve.ended, **self.curve.rates(), note=note)
 
-    def ended(self) -> Iterator[Row]:
-        """All episodes so far in the order in which they ended, from the run's table.
 
-        Raises:
-            IntegrityError: If it isn't what was written.
-        """
-        try:
-            for row in self._registry.files.each_row(self.run, "episodes"):
-                yield Row(int(row["order"]), int(row["started"]), float(row["score"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise IntegrityError(
-                f"the episodes of {self.run} aren't what was written", "run: paddlectl registry check"
-            ) from error
+def ended_episodes(registry: Registry, run: str) -> Iterator[Row]:
+    """All episodes of a run so far in the order in which they ended.
+
+    Raises:
+        IntegrityError: If they aren't what was written.
+    """
+    try:
+        for row in registry.files.each_row(run, "episodes"):
+            yield Row(int(row["order"]), int(row["started"]), int(row["frames"]), float(row["score"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise IntegrityError(
+            f"the episodes of {run} aren't what was written", "run: paddlectl registry check"
+        ) from error
 
 
 @contextmanager

@@ -10,9 +10,9 @@ from paddlectl.agents.interaction import Learning
 from paddlectl.agents.settings import changed
 from paddlectl.errors import IntegrityError, InvalidFileError
 from paddlectl.experiments.checkpointer import Checkpointer
-from paddlectl.experiments.curves import curve_figures
+from paddlectl.experiments.curves import LearningCurve
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
-from paddlectl.experiments.log import RunLog, recorded, versions
+from paddlectl.experiments.log import RunLog, ended_episodes, recorded, versions
 from paddlectl.experiments.policies import keep, revive
 from paddlectl.logic.syntax import parse_program
 from paddlectl.methods.base import Method, Setup, Source, method_of
@@ -132,7 +132,7 @@ def run_transfer(
         sources = tuple(_source(registry, policy) for policy in reused)
         setup = Setup(task, settings, job.seed, job.frames, sources, job.scenario, rules)
         kept = _learned(registry, run, method, setup, log, report, checkpointer)
-        figures = curve_figures(log.ended(), log.frames)
+        figures = LearningCurve(ended_episodes(registry, run.id), log.frames).figures()
         log.results = figures | {"mean_length": kept.mean_length, "crispness": kept.crispness}
     return {
         "run": run.id,

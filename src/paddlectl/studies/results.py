@@ -1,0 +1,98 @@
+"""What is known of the finished cells of a study: a row each, as the registry or a file of results has it."""
+
+import dataclasses
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from paddlectl.errors import InvalidFileError
+from paddlectl.experiments.curves import LearningCurve
+from paddlectl.experiments.log import ended_episodes
+from paddlectl.registry.records import RunRecord
+from paddlectl.registry.store import Registry
+
+SUCCESS = 0.9
+"""The share of 100 episodes that `frames_to_success` asks for."""
+EPISODES = 50
+"""Between two points of a curve over episodes."""
+DIGITS = 4
+
+
+@dataclass(frozen=True)
+class Result:
+    """A run's figures and curve.
+
+    Attributes:
+        variant: What was changed against the scenario; empty if nothing was.
+        run: `run-42`.
+        source_frames: Environment steps that its sources were trained with; they count for no method.
+        jump_start: As `LearningCurve.figures` has it, as are the next three.
+        frames_to_success: Until nine of ten among 100 episodes were solved; None if they never were.
+        by_frames: Mean score of the latest 100 episodes, at 100 moments evenly spread from frame 0. [100]
+        by_episodes: The same after every 50 episodes.
+    """
+
+    scenario: str
+    target: str
+    method: str
+    variant: str
+    seed: int
+    run: str
+    frames: int
+    episodes: int
+    seconds: float
+    source_frames: int
+    jump_start: float
+    final_score: float
+    success_rate: float
+    area_under_curve: float
+    frames_to_success: int | None
+    by_frames: tuple[float, ...]
+    by_episodes: tuple[float, ...]
+
+
+def result_of(registry: Registry, record: RunRecord, scenario: str = "", variant: str = "") -> Result:
+    """The figures of a finished run; of the scenario that it ran, unless another shares it."""
+    curve = LearningCurve(ended_episodes(registry, record.id), record.frames)
+    sources = (registry.policy(policy) for policy in record.sources)
+    return Result(
+        scenario=scenario or record.scenario or record.task,
+        target=record.task,
+        method=record.method,
+        variant=variant,
+        seed=record.seed,
+        run=record.id,
+        frames=record.frames,
+        episodes=record.episodes,
+        seconds=record.seconds,
+        source_frames=sum(source.frames for source in sources),
+        **curve.figures(),
+        frames_to_success=curve.frames_to(SUCCESS),
+        by_frames=tuple(round(score, DIGITS) for score in curve.by_frames()),
+        by_episodes=tuple(round(score, DIGITS) for score in curve.by_episodes(EPISODES)),
+    )
+
+
+def write_results(path: Path, results: Iterable[Result]) -> None:
+    """Keeps results, a line each, for those who haven't the registry."""
+    lines = ",\n".join(json.dumps(dataclasses.asdict(result), sort_keys=True) for result in results)
+    path.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+
+
+def read_results(path: Path) -> list[Result]:
+    """What `write_results` kept.
+
+    Raises:
+        InvalidFileError: If it isn't that.
+    """
+    try:
+        return [_result(row) for row in json.loads(path.read_text(encoding="utf-8"))]
+    except (ValueError, TypeError, KeyError) as error:
+        raise InvalidFileError(f"{path}: not a file of results: {error}") from error
+
+
+def _result(row: dict[str, Any]) -> Result:
+    curves = {name: tuple(map(float, row[name])) for name in ("by_frames", "by_episodes")}
+    return Result(**row | curves)
