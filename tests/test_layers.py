@@ -12,7 +12,7 @@ FLOOR = {
     "cli": 5, "__main__": 6,
     "experiments": 4, "studies": 4.2, "report": 4.4, "statistics": 0,
     "methods": 3.5,  # what a method is and which there are lies below: scenarios name one
-    "transfer": 3, "scenario": 3,  # below experiments, which runs scenarios
+    "transfer": 3, "scenario": 3, "yaml_files": 2.6,  # below experiments, which runs scenarios
     "methods.base": 2.6, "methods.catalogue": 2.5,
     "hybrid": 2, "transfer.similarity": 2, "transfer.performance": 2, "transfer.guidance": 2,
     "transfer.documents": 2.1, "whole": 2.5,
@@ -33,7 +33,7 @@ HOMES = {
         "registry.care", "registry.store", "registry.bundles",
     },
     "safetensors": {"registry.care", "registry.bundles", "experiments", "learners", "hybrid"},
-    "pydantic": {"scenario"}, "yaml": {"scenario"},
+    "pydantic": {"scenario", "studies", "yaml_files"}, "yaml": {"yaml_files"},
     "rich": {"report"}, "matplotlib": {"report"}, "jinja2": {"report"}, "PIL": {"report", "tasks"},
     "typer": {"cli"},
 }  # fmt: skip
