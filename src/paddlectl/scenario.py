@@ -156,12 +156,17 @@ def _misuses(scenario: Scenario, _: Path) -> Iterator[Problem]:
         yield Problem(("target",), unknown("task", scenario.target, suite.names()))
     key: KeyPath = ("sources", "tasks") if isinstance(scenario.sources, TaskSources) else ("sources",)
     for path, name in _places(key, scenario.source_names):
-        if message := _misnamed(name, key, scenario.target):
+        if message := misnamed(name, key, scenario.target):
             yield Problem(path, message)
-    for where, values in ((key, scenario.source_names), (("seeds",), scenario.seeds)):
-        for path, value in _places(where, values):
-            if value in values[: int(path[-1])]:
-                yield Problem(path, f"{value!r} stands twice in {'.'.join(map(str, where))}")
+    yield from repeated(key, scenario.source_names)
+    yield from repeated(("seeds",), scenario.seeds)
+
+
+def repeated(key: KeyPath, values: tuple[Any, ...]) -> Iterator[Problem]:
+    """The values of a list that stand there before."""
+    for path, value in _places(key, values):
+        if value in values[: int(path[-1])]:
+            yield Problem(path, f"{value!r} stands twice in {'.'.join(map(str, key))}")
 
 
 def _places(key: KeyPath, values: tuple[Any, ...]) -> Iterator[tuple[KeyPath, Any]]:
@@ -169,7 +174,7 @@ def _places(key: KeyPath, values: tuple[Any, ...]) -> Iterator[tuple[KeyPath, An
         yield (*key, index), value
 
 
-def _misnamed(name: str, key: KeyPath, target: str) -> str:
+def misnamed(name: str, key: KeyPath, target: str) -> str:
     """What is wrong with the name of a source, as far as a file can tell; empty if nothing is."""
     if number_of(name, "policy") is not None:
         return f"{name} is no task; to name policies write sources: [{name}]" if key[1:] else ""
@@ -195,18 +200,24 @@ def _unknown_policy(name: str) -> str:
 
 def _advice(path: KeyPath, kind: str, written: str) -> str | None:
     match kind:
-        case "int_type" | "int_from_float" if path[0] == "seeds" and is_range(written):
-            return f"write seeds: {written}, without brackets"
         case "string_type" if path[0] == "sources":
             return f"write policy-{written}" if number_of(f"policy-{written}", "policy") else ""
-        case "tuple_type" if path == ("seeds",):
-            return "write them as 0-5 or 0,3,7"
         case "tuple_type" if written == "paired":
             return "write {tasks: [BlockedDoor, GapBall], seed: paired}"
+    return advice_on_seeds(path, kind, written)
+
+
+def advice_on_seeds(path: KeyPath, kind: str, written: str) -> str | None:
+    """What to write instead of `[0-5]` and other ways to name seeds; None for what isn't under `seeds`."""
+    match kind:
+        case "int_type" | "int_from_float" if path[0] == "seeds" and _is_range(written):
+            return f"write seeds: {written}, without brackets"
+        case "tuple_type" if path == ("seeds",):
+            return "write them as 0-5 or 0,3,7"
     return None
 
 
-def is_range(text: str) -> bool:
+def _is_range(text: str) -> bool:
     try:
         return len(whole.seeds(text)) > 1
     except UsageError:

@@ -32,6 +32,7 @@ COMMANDS = {
     "show": "Show a policy's clause program: raw with probabilities, and minimised.",
     "similarity": "Show Ψ: for each scene of the target the best scenes of each source, and their ψ.",
     "transfer": "Learn a scenario's target, guided by policies of its sources.",
+    "sweep": "Run what is missing of a study, its sources included.",
     "resume": "Go on exactly where a stopped run was; it ends as if it had never been stopped.",
     "explain": "Tell why a transfer acted as it did: program, Ψ, weights per scene, one episode.",
     "registry": "Check, mend, clean, move and upgrade the registry.",

@@ -1,7 +1,8 @@
 """Runs jobs with their progress on stderr, and says how to go on with those that were stopped."""
 
+import statistics
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from paddlectl.cli.texts import here
@@ -44,8 +45,7 @@ class Ended(NamedTuple):
         Raises:
             ExceptionGroup: Of all that did.
         """
-        if self.failed:
-            raise ExceptionGroup("runs failed", [_named(*failed) for failed in self.failed.items()])
+        require_none(self.failed)
 
 
 def run(asked: Sequence[Asked], registry: str, checkpoint_every: float | None, jobs: int | None) -> Ended:
@@ -53,6 +53,32 @@ def run(asked: Sequence[Asked], registry: str, checkpoint_every: float | None, j
 
     Raises:
         Exception: What went wrong, if only one job was asked for.
+        KeyboardInterrupt: If they were stopped; how to go on is said.
+    """
+    begun = _Begun(asked)
+    try:
+        ended = run_each(asked, registry, checkpoint_every, jobs, hear=begun.hear)
+    except KeyboardInterrupt:
+        begun.tell()
+        raise
+    if len(asked) == 1:
+        for failure in ended.failed.values():
+            raise failure.error
+    return ended
+
+
+def run_each(
+    asked: Sequence[Asked],
+    registry: str,
+    checkpoint_every: float | None,
+    jobs: int | None,
+    *,
+    hear: "Callable[[int, Event], None]" = lambda *_: None,
+    fail_fast: bool = False,
+) -> Ended:
+    """Does the jobs, however few; `hear` is told what is new of each. One that fails may stop all others.
+
+    Raises:
         KeyboardInterrupt: If they were stopped.
     """
     from paddlectl.experiments.cores import permitted
@@ -61,25 +87,27 @@ def run(asked: Sequence[Asked], registry: str, checkpoint_every: float | None, j
     from paddlectl.report.progress import progress
 
     workers = jobs or permitted()
-    stopped = _Begun(asked)
-    print(_plan(asked, workers, registry), file=sys.stderr)
-    try:
-        with progress([each.name for each in asked]) as view:
+    print(plan_of(asked, workers, registry), file=sys.stderr)
+    with progress([each.name for each in asked]) as view:
 
-            def tell(index: int, event: "Event") -> None:
-                stopped.hear(index, event)
-                _show(view, index, event)
+        def tell(index: int, event: "Event") -> None:
+            _show(view, index, event)
+            hear(index, event)
+            if fail_fast and isinstance(event, Failure):
+                raise _FailedFirst(index, event)
 
+        try:
             outcomes = run_jobs([each.job for each in asked], registry, tell, workers, checkpoint_every)
-    except KeyboardInterrupt:
-        stopped.tell()
-        raise
-    named = list(zip([each.name for each in asked], outcomes, strict=True))
-    failed = {name: outcome for name, outcome in named if isinstance(outcome, Failure)}
-    if len(asked) == 1:
-        for failure in failed.values():
-            raise failure.error
-    return Ended([outcome for _, outcome in named if not isinstance(outcome, Failure)], failed)
+        except _FailedFirst as first:
+            return Ended([], {asked[first.index].name: first.failure})
+    names = [each.name for each in asked]
+    failed = {n: each for n, each in zip(names, outcomes, strict=True) if isinstance(each, Failure)}
+    return Ended([each for each in outcomes if not isinstance(each, Failure)], failed)
+
+
+class _FailedFirst(Exception):
+    def __init__(self, index: int, failure: "Failure") -> None:
+        self.index, self.failure = index, failure
 
 
 class _Begun:
@@ -122,25 +150,33 @@ def _show(view: "View", index: int, event: "Event") -> None:
             view.tick(index, event)
 
 
-def _plan(asked: Sequence[Asked], workers: int, registry: str) -> str:
-    """What is going to be done: `6 runs × 60,000 frames, 2 at a time, about 5 minutes`."""
+def plan_of(asked: Sequence[Asked], workers: int, registry: str, usually: float | None = None) -> str:
+    """What is going to be done: `6 runs × 60,000 frames, 2 at a time, about 5 minutes`.
+
+    Args:
+        asked: The jobs.
+        workers: How many of them go on at a time.
+        registry: Where earlier ones are, that tell how long it takes.
+        usually: Seconds that a frame takes where there were none; None tells nothing then.
+    """
     runs = f"{len(asked)} run{'s' * (len(asked) != 1)}"
     sizes = {each.frames for each in asked}
     frames = f" × {sizes.pop():,}" if len(sizes) == 1 else f", {sum(each.frames for each in asked):,}"
     at_a_time = f", {min(workers, len(asked))} at a time" if len(asked) > 1 else ""
-    return f"{runs}{frames} frames{at_a_time}{_duration(asked, workers, registry)}"
+    return f"{runs}{frames} frames{at_a_time}{_duration(asked, workers, registry, usually)}"
 
 
-def _duration(asked: Sequence[Asked], workers: int, registry: str) -> str:
-    """As long as earlier runs of the same task and method took; empty if there were none."""
+def _duration(asked: Sequence[Asked], workers: int, registry: str, usually: float | None) -> str:
+    """As long as earlier runs of the same task and method took, or of any; empty if there were none."""
     from paddlectl.registry.store import Registry
 
     with Registry.open(registry) as opened:
-        kinds = {each[2:5]: 0.0 for each in asked}
-        rates = {kind: opened.seconds_per_frame(*kind) for kind in kinds}
-    each_takes = [(rates[each[2:5]] or 0.0) * each.frames for each in asked]
-    if not all(each_takes):
+        kinds = {each[2:5]: opened.seconds_per_frame(*each[2:5]) for each in asked}
+    known = [rate for rate in kinds.values() if rate]
+    rate = statistics.median(known) if known else usually
+    if rate is None:
         return ""
+    each_takes = [(kinds[each[2:5]] or rate) * each.frames for each in asked]
     seconds = max(sum(each_takes) / min(workers, len(asked)), max(each_takes))
     return f", about {_spelled(seconds)}"
 
@@ -150,6 +186,16 @@ def _spelled(seconds: float) -> str:
         if seconds >= 1.5 * size:
             return f"{seconds / size:.0f} {unit}s"
     return f"{seconds:.0f} seconds" if seconds >= 1.5 else "1 second"
+
+
+def require_none(failed: "Mapping[str, Failure]") -> None:
+    """Asks that nothing failed.
+
+    Raises:
+        ExceptionGroup: Of all that did, with their names.
+    """
+    if failed:
+        raise ExceptionGroup("runs failed", [_named(*each) for each in failed.items()])
 
 
 def _named(name: str, failure: "Failure") -> Exception:

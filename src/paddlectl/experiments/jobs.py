@@ -45,6 +45,14 @@ class TransferJob:
 
 
 @dataclass(frozen=True)
+class RandomJob:
+    """Keep a policy that has learned nothing, as a source."""
+
+    task: str
+    seed: int
+
+
+@dataclass(frozen=True)
 class Progress:
     """How far a run is; the rates are over its latest 100 episodes in the order of their start.
 
@@ -67,7 +75,7 @@ class ResumeJob:
     run: str
 
 
-Job = TrainJob | TransferJob | ResumeJob
+Job = TrainJob | TransferJob | RandomJob | ResumeJob
 
 
 class Begun(NamedTuple):

@@ -23,6 +23,7 @@ from paddlectl.experiments.jobs import (
     Job,
     Note,
     Outcome,
+    RandomJob,
     Row,
     TrainJob,
     TransferJob,
@@ -229,7 +230,7 @@ def _done(job: Job, registry: str, line: _Line, stop: Stop, every: float | None)
 
     from paddlectl.experiments.checkpointer import EVERY, Checkpointer
     from paddlectl.experiments.resuming import resume
-    from paddlectl.experiments.runner import run_transfer, train_source
+    from paddlectl.experiments.runner import random_source, run_transfer, train_source
     from paddlectl.registry.store import Registry
 
     torch.set_num_threads(1)
@@ -250,6 +251,9 @@ def _done(job: Job, registry: str, line: _Line, stop: Stop, every: float | None)
                 return train_source(job, opened, line.send_if_room, checkpointer)
             case TransferJob():
                 return run_transfer(job, opened, line.send_if_room, checkpointer)
+            case RandomJob():
+                kept = random_source(job.task, job.seed, opened)
+                return {"run": kept.run, "policy": kept.id}
         return resume(job.run, opened, line.send_if_room, checkpointer)
 
 

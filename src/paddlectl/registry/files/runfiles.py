@@ -1,6 +1,7 @@
 """A run's folder: its tables and documents, its checkpoints, and who holds it."""
 
 import fcntl
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -43,6 +44,21 @@ class RunFiles:
             file = _take(self._run_folder(run))
         with file:
             yield
+
+    @contextmanager
+    def sweeping(self) -> Iterator[None]:
+        """Says to other processes that a study's cells are run here, until the block or the process ends.
+
+        Raises:
+            RegistryBusyError: If another process runs some.
+        """
+        with disk_faults(self._shown):
+            folder = os.open(self._folder / "runs", os.O_RDONLY)
+        try:
+            _take_folder(folder, self._shown)
+            yield
+        finally:
+            os.close(folder)
 
     def goes_on(self, run: str) -> bool:
         """Whether a process holds the run, or is about to."""
@@ -195,6 +211,15 @@ def _take(run_folder: Path) -> BinaryIO:
             if time.monotonic() > deadline:
                 raise
             time.sleep(0.01)
+
+
+def _take_folder(folder: int, shown: str) -> None:
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise RegistryBusyError(
+            f"another sweep runs in {shown}", "wait for it, or stop that process"
+        ) from None
 
 
 def bytes_of(path: Path) -> bytes | None:

@@ -1,0 +1,181 @@
+"""`paddlectl sweep`."""
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from paddlectl.cli.options import (
+    FRAMES,
+    AsJson,
+    CheckpointEvery,
+    Jobs,
+    ManySeeds,
+    RegistryPlace,
+    chosen_seeds,
+    complete_scenarios,
+    file_at,
+)
+from paddlectl.cli.texts import here
+from paddlectl.errors import PaddlectlError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from paddlectl.experiments.jobs import Failure
+    from paddlectl.registry.store import Registry
+    from paddlectl.studies.cells import Cell
+    from paddlectl.studies.sweep import Plan
+
+EXAMPLE = "Example: paddlectl sweep scenarios/paper/fig4.yaml --dry-run"
+SECONDS = 5e-4  # that a frame takes about, where no run tells
+PATIENCE = 1.0  # seconds between two looks at runs that go on in other processes
+
+
+def sweep(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            parser=file_at,
+            metavar="STUDY.yaml",
+            autocompletion=complete_scenarios,
+            help="Scenarios, methods, variants and seeds to compare.",
+            show_default=False,
+        ),
+    ],
+    seeds: ManySeeds = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(
+            parser=FRAMES,
+            metavar="N",
+            help="Environment steps of each transfer, instead of the study's.",
+            show_default=False,
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what is missing and about how long it takes; run nothing.")
+    ] = False,
+    fail_fast: Annotated[
+        bool, typer.Option("--fail-fast", help="Stop all when one fails; without, the others go on.")
+    ] = False,
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            parser=file_at,
+            metavar="FILE.json",
+            help="Write the finished cells there, for compare and plot without the registry.",
+            show_default=False,
+        ),
+    ] = None,
+    jobs: Jobs = None,
+    checkpoint_every: CheckpointEvery = None,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Run what is missing of a study, its sources included."""
+    from paddlectl.cli.quiet import stdout_kept
+    from paddlectl.report.output import print_json, print_text
+
+    with stdout_kept():
+        from paddlectl.cli.running import require_none
+        from paddlectl.registry.store import Registry
+        from paddlectl.studies.cells import cells_of
+        from paddlectl.studies.results import write_results
+        from paddlectl.studies.study import load_study
+        from paddlectl.studies.sweep import plan, results_of
+
+        loaded = load_study(file)
+        cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
+        with Registry.open(registry) as opened:
+            failed = {} if dry_run else _run_missing(opened, cells, file, fail_fast, jobs, checkpoint_every)
+            now = plan(opened, cells)
+            if results is not None:
+                write_results(results, results_of(opened, cells))
+        left = _estimate(now, registry, jobs) if dry_run else ""
+    if as_json:
+        print_json(document(loaded.study.name, now, failed))
+    else:
+        print_text([f"{loaded.study.name}: {_counts(now)}", *filter(None, [left, _next(file, now, dry_run)])])
+    require_none(failed)
+
+
+def document(study: str, now: "Plan", failed: "Mapping[str, Failure]") -> dict[str, Any]:
+    """What `--json` prints."""
+    cells = [
+        {
+            "scenario": cell.scenario.name,
+            "target": cell.scenario.target,
+            "method": cell.method,
+            "variant": cell.variant,
+            "seed": cell.seed,
+            "frames": cell.frames,
+            "state": found.state,
+            "run": found.run and found.run.id,
+        }
+        for cell, found in now.cells
+    ]
+    told = [{"job": name, "run": each.run, "error": str(each.error)} for name, each in failed.items()]
+    return {"study": study, "cells": cells, "failed": told}
+
+
+def _run_missing(
+    registry: "Registry",
+    cells: "Sequence[Cell]",
+    file: Path,
+    fail_fast: bool,
+    jobs: int | None,
+    checkpoint_every: float | None,
+) -> "Mapping[str, Failure]":
+    """Runs sources and cells until all have ended; how those failed that did, by their names."""
+    from paddlectl.cli.running import Asked, run_each
+    from paddlectl.experiments.jobs import Failure
+    from paddlectl.studies.sweep import plan
+
+    failed: dict[str, Failure] = {}
+    tried: set[str] = set()
+    try:
+        with registry.files.sweeping():
+            while True:
+                now = plan(registry, cells)
+                if steps := now.steps(tried):
+                    tried |= {step.name for step in steps}
+                    asked = [Asked(*step) for step in steps]
+                    ended = run_each(asked, registry.location, checkpoint_every, jobs, fail_fast=fail_fast)
+                    failed |= ended.failed
+                elif now.elsewhere:
+                    time.sleep(PATIENCE)
+                if (fail_fast and failed) or not (steps or now.elsewhere):
+                    break
+    except KeyboardInterrupt:
+        print(here(f"go on with: paddlectl sweep {file}"), file=sys.stderr)
+        raise
+    lacking = {} if fail_fast and failed else now.lacking(tried, failed)
+    return failed | {name: Failure(None, PaddlectlError(why)) for name, why in lacking.items()}
+
+
+def _estimate(now: "Plan", registry: str, jobs: int | None) -> str:
+    """What is missing and about how long it takes."""
+    from paddlectl.cli.running import Asked, plan_of
+    from paddlectl.experiments.cores import permitted
+
+    steps = [Asked(*step) for step in now.left()]
+    return f"to run: {plan_of(steps, jobs or permitted(), registry, SECONDS)}" if steps else ""
+
+
+def _counts(now: "Plan") -> str:
+    """`324 cells: 300 finished, 24 missing`."""
+    states = {"finished": "finished", "stopped": "stopped", "running": "running elsewhere"}
+    counts = {told: now.count(state) for state, told in states.items()}
+    counts["missing"] = len(now.cells) - sum(counts.values())
+    told = ", ".join(f"{count} {state}" for state, count in counts.items() if count)
+    return f"{len(now.cells)} cells: {told}"
+
+
+def _next(file: Path, now: "Plan", dry_run: bool) -> str:
+    whole = now.count("finished") == len(now.cells)
+    if dry_run:
+        return "" if whole else here(f"run it: paddlectl sweep {file}")
+    return here(f"next: paddlectl compare {file}") if now.count("finished") else ""

@@ -1,0 +1,231 @@
+"""The cells of a study, and the runs of a registry that are them.
+
+A run is a cell's if all that decides what it does is the same: task, method, seed, frames, settings, rules
+and sources, which were learned by runs that are found in the same way. So a study finds what other studies,
+or a user by hand, have run already; and a cell is run again if a number of its method has changed since.
+"""
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from paddlectl.agents.settings import changed
+from paddlectl.experiments.jobs import RandomJob, TrainJob, TransferJob
+from paddlectl.experiments.runner import budget_of, settings_of
+from paddlectl.methods.base import method_of
+from paddlectl.methods.catalogue import MADE_AS, teacher_of
+from paddlectl.registry.records import RunRecord
+from paddlectl.registry.store import Registry
+from paddlectl.scenario import Scenario
+from paddlectl.studies.study import Loaded, Study, Variant, varied
+from paddlectl.tasks.suite import load
+
+RANDOM = "random"
+"""The method of policies that have learned nothing."""
+
+
+class Source(NamedTuple):
+    """A policy that cells reuse: of a task, by a method's usual numbers, with a seed and a budget."""
+
+    task: str
+    method: str
+    seed: int
+    frames: int | None = None
+
+    @property
+    def name(self) -> str:
+        """`BlockedDoor hdm seed 3`."""
+        return f"{self.task} {self.method} seed {self.seed}"
+
+    def job(self) -> TrainJob | RandomJob:
+        """What learns it."""
+        if self.method == RANDOM:
+            return RandomJob(self.task, self.seed)
+        return TrainJob(self.task, self.seed, self.frames, method=self.method)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One transfer of a study.
+
+    Attributes:
+        scenario: With the variant's changes.
+        variant: Its name; empty in a study without variants.
+        sources: What it reuses.
+        rules: As a `TransferJob` has them, as are the settings' `changes`.
+    """
+
+    scenario: Scenario
+    method: str
+    variant: str
+    seed: int
+    frames: int
+    sources: tuple[Source, ...]
+    rules: Any
+    changes: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        """`A paddle seed 3`."""
+        variant = f" {self.variant}" if self.variant else ""
+        return f"{self.scenario.name} {self.method}{variant} seed {self.seed}"
+
+    @property
+    def identity(self) -> str:
+        """The same for cells that one run serves: without sources all scenarios of a target are one."""
+        return _key_of_job(self.job(tuple(source.name for source in self.sources)))
+
+    def job(self, sources: tuple[str, ...]) -> TransferJob:
+        """What runs it, with the ids of its sources."""
+        return TransferJob(
+            self.scenario, sources, self.method, self.seed, self.frames, self.rules, self.changes
+        )
+
+
+class Found(NamedTuple):
+    """How far the registry is with a cell or source.
+
+    Attributes:
+        state: `finished`, `stopped` (also failed), `running` in some process, `missing`, or `waiting` for
+            sources.
+        run: The run, if there is one.
+    """
+
+    state: str
+    run: RunRecord | None = None
+
+
+MISSING = Found("missing")
+WAITING = Found("waiting")
+
+
+class Runs:
+    """The runs of a registry by what decides them. It reads the registry once."""
+
+    def __init__(self, registry: Registry) -> None:
+        self._registry = registry
+        self._known: dict[str, list[RunRecord]] = {}
+        for record in reversed(registry.runs()):
+            self._known.setdefault(_key_of(record), []).append(record)
+
+    def source(self, source: Source) -> Found:
+        """The run that learned a source."""
+        return self._best(_key_of_source(source))
+
+    def cell(self, cell: Cell, sources: Sequence[Found]) -> Found:
+        """The run that is a cell, with these of its sources."""
+        if any(found.state != "finished" for found in sources):
+            return WAITING
+        return self._best(_key_of_job(cell.job(policies_of(sources))))
+
+    def _best(self, key: str) -> Found:
+        """Of several the one that is furthest; of those the oldest, so that later ones change nothing."""
+        found = [Found(self._state(record), record) for record in self._known.get(key, ())]
+        order = ("finished", "running", "stopped")
+        return min(found, key=lambda each: order.index(each.state), default=MISSING)
+
+    def _state(self, record: RunRecord) -> str:
+        if record.status == "finished":
+            return "finished" if record.policy else "stopped"
+        alive = record.status == "running" and self._registry.files.goes_on(record.id)
+        return "running" if alive else "stopped"
+
+
+def policies_of(sources: Iterable[Found]) -> tuple[str, ...]:
+    """The ids of what finished sources learned."""
+    return tuple(found.run.policy for found in sources if found.run and found.run.policy)
+
+
+def cells_of(loaded: Loaded, seeds: Sequence[int] | None = None, frames: int | None = None) -> list[Cell]:
+    """All cells of a study, those of one seed together.
+
+    Args:
+        loaded: The study.
+        seeds: Instead of its own.
+        frames: Instead of its own, or its scenarios'.
+    """
+    study = loaded.study
+    return [
+        _cell(study, scenario, name, variant, method, seed, frames)
+        for seed in (study.seeds if seeds is None else seeds)
+        for scenario in loaded.scenarios
+        for name, variant in (study.variants or {"": Variant()}).items()
+        for method in study.methods
+        if variant.methods is None or method in variant.methods
+    ]
+
+
+def _cell(
+    study: Study,
+    scenario: Scenario,
+    name: str,
+    variant: Variant,
+    method: str,
+    seed: int,
+    frames: int | None,
+) -> Cell:
+    teaches = teacher_of(method, load(scenario.target))
+    scenario = varied(scenario, variant)
+    budget = study.source_frames
+    sources = [Source(task, teaches, seed, budget) for task in scenario.source_names] if teaches else []
+    sources += [Source(task, RANDOM, seed) for task in variant.random or ()]
+    rules = method_of(method).rules_for(load(scenario.target))
+    rules = changed(rules, variant.rules) if variant.rules else None
+    frames = frames or study.frames or scenario.frames
+    return Cell(scenario, method, name, seed, frames, tuple(sources), rules, variant.settings)
+
+
+def _key_of(record: RunRecord) -> str:
+    settings = record.settings
+    scenario = settings.get("scenario") or {}
+    return _key(
+        record.method,
+        record.task,
+        record.seed,
+        record.sources,
+        settings.get("frames"),
+        settings.get("learning"),
+        settings.get("rules"),
+        [scenario.get("similarity"), scenario.get("guidance")],
+    )
+
+
+def _key_of_source(source: Source) -> str:
+    method = MADE_AS.get(source.method, source.method)
+    made = TrainJob(source.task, source.seed, source.frames, method=method)
+    frames = 0 if source.method == RANDOM else budget_of(made)
+    learning = dataclasses.asdict(settings_of(made))
+    return _key(source.method, source.task, source.seed, (), frames, learning)
+
+
+def _key_of_job(job: TransferJob) -> str:
+    scenario = job.scenario.model_dump(mode="json")
+    method, task = method_of(job.method), load(job.scenario.target)
+    rules = job.rules or method.rules_for(task)
+    return _key(
+        job.method,
+        task.name,
+        job.seed,
+        job.sources,
+        job.frames,
+        dataclasses.asdict(method.settings_for(task, job.scenario, job.changes)),
+        rules and dataclasses.asdict(rules),
+        [scenario["similarity"], scenario["guidance"]],
+    )
+
+
+def _key(
+    method: str,
+    task: str,
+    seed: int,
+    sources: Sequence[str],
+    frames: Any,
+    learning: Any,
+    rules: Any = None,
+    scenario: Any = None,
+) -> str:
+    """All that decides what a run does; the scenario's numbers only if there is a source to weigh."""
+    numbers = [frames, learning, rules, scenario if sources else None]
+    return json.dumps([method, task, seed, list(sources), *numbers], sort_keys=True)

@@ -1,0 +1,176 @@
+"""Study files: scenarios × methods × variants × seeds, and which figure they make."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import Field
+
+from paddlectl.agents.settings import misfits
+from paddlectl.errors import PaddlectlError
+from paddlectl.methods import catalogue
+from paddlectl.methods.base import method_of
+from paddlectl.registry.names import is_id
+from paddlectl.scenario import (
+    Frames,
+    Guidance,
+    Name,
+    Names,
+    Scenario,
+    Seeds,
+    Similarity,
+    TaskSources,
+    advice_on_seeds,
+    load_scenario,
+    misnamed,
+    repeated,
+)
+from paddlectl.tasks import suite
+from paddlectl.yaml_files import Closed, KeyPath, Kind, Problem, load_file, unknown
+
+MOST = 200
+"""Scenarios, methods and variants of a study, each."""
+
+Several = Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST)]
+
+
+class Variant(Closed):
+    """What is changed against the scenario and the methods' usual numbers; empty is neither.
+
+    Attributes:
+        methods: Those that it is for; None is all of the study.
+        sources: Tasks to reuse instead of the scenario's.
+        random: Tasks of which a policy that has learned nothing is a source, too.
+        rules: Of the guidance, by name (`transfer.guidance.GuidanceSettings`).
+        settings: Of the method, by name, also within each other: `{learner: {learning_rate: 1e-3}}`.
+    """
+
+    methods: Several | None = None
+    sources: Names | None = None
+    random: Names | None = None
+    similarity: Similarity | None = None
+    guidance: Guidance | None = None
+    rules: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, Any] = Field(default_factory=dict)
+
+
+class Study(Closed):
+    """Transfers to compare: all scenarios by all methods, in all variants, with all seeds.
+
+    A transfer reuses sources of its own seed, learned by the usual numbers of the method that teaches.
+
+    Attributes:
+        figure: What `paddlectl plot` draws: learning `curves`, or each candidate's `weights` in each scene.
+        scenarios: Their files, from where the study's file is.
+        frames: Environment steps of each transfer; None is as many as its scenario says.
+        source_frames: Of each source; None is the usual budget.
+        variants: By the names that figures have for them; none is the scenarios as they are.
+    """
+
+    name: Name
+    figure: Literal["curves", "weights"] = "curves"
+    scenarios: Several
+    methods: Several
+    seeds: Seeds
+    frames: Frames | None = None
+    source_frames: Frames | None = None
+    variants: dict[Name, Variant] = Field(default_factory=dict, max_length=MOST)
+
+
+class Loaded(NamedTuple):
+    """A study with its scenarios.
+
+    Attributes:
+        file: Where it was read from.
+    """
+
+    file: Path
+    study: Study
+    scenarios: tuple[Scenario, ...]
+
+
+def load_study(path: Path) -> Loaded:
+    """Reads and checks a study file and its scenarios' files.
+
+    Raises:
+        NotFoundError: If there is no such file.
+        InvalidFileError: If it isn't a study; the message starts with file:line:column.
+    """
+    study = load_file(path, _KIND)
+    return Loaded(path, study, tuple(load_scenario(path.parent / name) for name in study.scenarios))
+
+
+def varied(scenario: Scenario, variant: Variant) -> Scenario:
+    """The scenario with the variant's changes, its sources paired by seed."""
+    tasks = variant.sources or scenario.source_names
+    changes = {
+        "sources": TaskSources(tasks=tasks, seed="paired"),
+        "similarity": variant.similarity or scenario.similarity,
+        "guidance": variant.guidance or scenario.guidance,
+    }
+    return scenario.model_copy(update=changes)
+
+
+def _misuses(study: Study, path: Path) -> Iterator[Problem]:
+    """What a schema can't know: files, tasks, methods, and numbers that there are not."""
+    for key in ("scenarios", "methods", "seeds"):
+        yield from repeated((key,), getattr(study, key))
+    scenarios = []
+    for index, name in enumerate(study.scenarios):
+        try:
+            scenarios.append(load_scenario(path.parent / name))
+        except PaddlectlError as error:
+            yield Problem(("scenarios", index), error.message)
+            continue
+        if named := [source for source in scenarios[-1].source_names if is_id(source)]:
+            yield Problem(
+                ("scenarios", index), f"it reuses {named[0]}; a study reuses those of its own seeds"
+            )
+    yield from _unknown_methods(("methods",), study.methods, catalogue.names())
+    names = [scenario.name for scenario in scenarios]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            yield Problem(("scenarios", index), f"another scenario before is called {name!r}, too")
+    for name, variant in study.variants.items():
+        yield from _misuses_of_variant(("variants", name), variant, study, scenarios)
+
+
+def _misuses_of_variant(
+    key: KeyPath, variant: Variant, study: Study, scenarios: list[Scenario]
+) -> Iterator[Problem]:
+    yield from _unknown_methods((*key, "methods"), variant.methods or (), study.methods)
+    for part in ("sources", "random"):
+        yield from repeated((*key, part), getattr(variant, part) or ())
+        for index, task in enumerate(getattr(variant, part) or ()):
+            for scenario in scenarios:
+                if message := misnamed(task, ("sources", "tasks"), scenario.target):
+                    yield Problem((*key, part, index), message)
+    if not (variant.rules or variant.settings):
+        return
+    for method in map(method_of, filter(catalogue.known, variant.methods or study.methods)):
+        for scenario in scenarios:
+            task = suite.load(scenario.target)
+            usual = {"settings": method.settings_for(task, scenario), "rules": method.rules_for(task)}
+            for part, settings in usual.items():
+                for place, message in misfits(settings, getattr(variant, part)):
+                    yield Problem((*key, part, *place), f"{method.name}: {message}", at_key=True)
+
+
+def _unknown_methods(key: KeyPath, methods: tuple[str, ...], known: tuple[str, ...]) -> Iterator[Problem]:
+    for index, name in enumerate(methods):
+        if name not in known:
+            yield Problem((*key, index), unknown("method", name, known))
+
+
+_KIND = Kind(
+    "study",
+    Study,
+    {
+        (): Study,
+        ("variants", "*"): Variant,
+        ("variants", "*", "similarity"): Similarity,
+        ("variants", "*", "guidance"): Guidance,
+    },
+    _misuses,
+    advice=advice_on_seeds,
+)

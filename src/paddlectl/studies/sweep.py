@@ -1,0 +1,132 @@
+"""What a study still lacks, and what is to be run for it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from paddlectl.experiments.jobs import Job, ResumeJob, TrainJob
+from paddlectl.experiments.runner import budget_of
+from paddlectl.registry.records import RunRecord
+from paddlectl.registry.store import Registry
+from paddlectl.studies.cells import MISSING, RANDOM, WAITING, Cell, Found, Runs, Source, policies_of
+from paddlectl.studies.results import Result, result_of
+
+
+class Step(NamedTuple):
+    """A job to do for a study.
+
+    Attributes:
+        name: Of the source, or of the first cell that it is for.
+        kind: `train` or `transfer`, as are the next two of the run.
+        frames: Environment steps that are left at most.
+    """
+
+    job: Job
+    name: str
+    kind: str
+    method: str
+    task: str
+    frames: int
+
+
+class Plan(NamedTuple):
+    """How far a study is.
+
+    Attributes:
+        cells: Each with its run, if there is one.
+        sources: Those that cells reuse, likewise.
+    """
+
+    cells: Sequence[tuple[Cell, Found]]
+    sources: Mapping[Source, Found]
+
+    def steps(self, failed: Iterable[str] = ()) -> list[Step]:
+        """What can be done next, but for what failed before: sources first, then cells, each once."""
+        of_sources = {source.name: _of_source(source, found) for source, found in self.sources.items()}
+        of_cells = {
+            cell.identity: _of_cell(cell, found, [self.sources[source] for source in cell.sources])
+            for cell, found in reversed(self.cells)  # the first of those that share a run is named
+            if found != WAITING
+        }
+        for steps in (of_sources, dict(reversed(of_cells.items()))):
+            if left := [step for step in steps.values() if step and step.name not in failed]:
+                return left
+        return []
+
+    def count(self, state: str) -> int:
+        """How many cells are in a state of `Found`."""
+        return sum(found.state == state for _, found in self.cells)
+
+    @property
+    def elsewhere(self) -> list[RunRecord]:
+        """Runs of the study that go on in other processes."""
+        found = [*self.sources.values(), *(found for _, found in self.cells)]
+        return [each.run for each in found if each.run and each.state == "running"]
+
+    def lacking(self, tried: Iterable[str], failed: Iterable[str]) -> dict[str, str]:
+        """Cells that can't be had -> why: a source of theirs failed, or what was run isn't they."""
+        of_sources = {
+            cell.name: f"its source failed: {source.name}"
+            for cell, found in self.cells
+            if found == WAITING
+            for source in cell.sources
+            if source.name in failed
+        }
+        lost = {
+            cell.name: "its run isn't found again by its content"
+            for cell, found in self.cells
+            if found == MISSING and cell.name in tried and cell.name not in failed
+        }
+        return of_sources | lost
+
+    def left(self) -> list[Step]:
+        """All that is to be done until the study is whole, as far as it is known now."""
+        steps = [_of_source(source, found) for source, found in self.sources.items()]
+        ahead = {
+            cell.identity: _of_cell(cell, found, [self.sources[source] for source in cell.sources])
+            for cell, found in self.cells
+        }
+        return [step for step in (*steps, *ahead.values()) if step]
+
+
+def plan(registry: Registry, cells: Sequence[Cell]) -> Plan:
+    """How far the registry is with the cells."""
+    runs = Runs(registry)
+    sources = {source: runs.source(source) for cell in cells for source in cell.sources}
+    known: dict[str, Found] = {}
+    for cell in cells:
+        if cell.identity not in known:
+            known[cell.identity] = runs.cell(cell, [sources[source] for source in cell.sources])
+    return Plan([(cell, known[cell.identity]) for cell in cells], sources)
+
+
+def results_of(registry: Registry, cells: Sequence[Cell]) -> list[Result]:
+    """The results of the cells that are finished, in their order."""
+    return [
+        result_of(registry, found.run, cell.scenario.name, cell.variant)
+        for cell, found in plan(registry, cells).cells
+        if found.run and found.state == "finished"
+    ]
+
+
+def _of_source(source: Source, found: Found) -> Step | None:
+    job = source.job()
+    budget = budget_of(job) if isinstance(job, TrainJob) else 0
+    if found.run and found.state == "stopped" and source.method != RANDOM:
+        return Step(ResumeJob(found.run.id), source.name, "train", source.method, source.task, _left(found))
+    again = found.state in ("missing", "stopped")
+    return Step(job, source.name, "train", source.method, source.task, budget) if again else None
+
+
+def _of_cell(cell: Cell, found: Found, sources: Sequence[Found]) -> Step | None:
+    kind = (cell.name, "transfer", cell.method, cell.scenario.target)
+    if found.run and found.state == "stopped":
+        return Step(ResumeJob(found.run.id), *kind, _left(found))
+    if found.state in ("missing", WAITING.state):
+        return Step(cell.job(policies_of(sources)), *kind, cell.frames)
+    return None
+
+
+def _left(found: Found) -> int:
+    assert found.run is not None
+    frames = found.run.settings.get("frames")
+    return max(frames - found.run.frames, 0) if isinstance(frames, int) else 0
