@@ -23,7 +23,7 @@ from paddlectl.experiments import snapshot
 from paddlectl.learners.clauses import ClauseLearner
 from paddlectl.methods.base import Setup, Source, method_of
 from paddlectl.methods.catalogue import entry_of, teacher_of
-from paddlectl.scenario import Scenario
+from paddlectl.scenario import Scenario, TaskSources
 from paddlectl.tasks.suite import load
 from scripted import learning
 
@@ -49,7 +49,8 @@ def few(settings: Any) -> Any:
 
 def setup(name: str, actions: str, seed: int = 0) -> Setup:
     target, given = TASKS[actions]
-    task, scenario = load(target), Scenario(name="A", target=target, sources=given)
+    task, paired = load(target), TaskSources(tasks=given, seed="paired")
+    scenario = Scenario(name="A", target=target, sources=paired)
     method, teacher = method_of(name), teacher_of(name, task)
     sources = (
         [source(f"policy-{n}", name, teacher) for n, name in enumerate(given, start=1)] if teacher else []

@@ -118,7 +118,7 @@ def make(setup: Setup) -> CompoNetAgent:
 
 def _settings(_: Task, scenario: Any, *changes: Mapping[str, Any]) -> FlatSettings:
     """The usual ones, for as many modules as the scenario has sources."""
-    counted = {"learner": {"modules": len(scenario.sources)}} if scenario else {}
+    counted = {"learner": {"modules": len(scenario.source_names)}} if scenario else {}
     settings = USUAL
     for change in (*changes, counted):
         settings = changed(settings, change)

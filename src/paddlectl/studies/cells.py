@@ -168,9 +168,10 @@ def _cell(
 ) -> Cell:
     teaches = teacher_of(method, load(scenario.target))
     scenario = varied(scenario, variant)
-    budget = study.source_frames
-    sources = [Source(task, teaches, seed, budget) for task in scenario.source_names] if teaches else []
-    sources += [Source(task, RANDOM, seed) for task in variant.random or ()]
+    random, budget = variant.random or (), study.source_frames
+    learned = [task for task in scenario.source_names if task not in random] if teaches else []
+    sources = [Source(task, str(teaches), seed, budget) for task in learned]
+    sources += [Source(task, RANDOM, seed) for task in random]
     rules = method_of(method).rules_for(load(scenario.target))
     rules = changed(rules, variant.rules) if variant.rules else None
     frames = frames or study.frames or scenario.frames

@@ -40,7 +40,7 @@ class Variant(Closed):
     Attributes:
         methods: Those that it is for; None is all of the study.
         sources: Tasks to reuse instead of the scenario's.
-        random: Tasks of which a policy that has learned nothing is a source, too.
+        random: Tasks of which a policy that has learned nothing is a source, instead of one that has.
         rules: Of the guidance, by name (`transfer.guidance.GuidanceSettings`).
         settings: Of the method, by name, also within each other: `{learner: {learning_rate: 1e-3}}`.
     """
@@ -139,6 +139,14 @@ def _misuses_of_variant(
     key: KeyPath, variant: Variant, study: Study, scenarios: list[Scenario]
 ) -> Iterator[Problem]:
     yield from _unknown_methods((*key, "methods"), variant.methods or (), study.methods)
+    if variant.random:
+        unlike = [name for name in variant.methods or study.methods if not _takes_random(name)]
+        yield from (
+            Problem(
+                (*key, "random"), f"{name} can't reuse those; say for which methods this is: methods: […]"
+            )
+            for name in unlike
+        )
     for part in ("sources", "random"):
         yield from repeated((*key, part), getattr(variant, part) or ())
         for index, task in enumerate(getattr(variant, part) or ()):
@@ -154,6 +162,11 @@ def _misuses_of_variant(
             for part, settings in usual.items():
                 for place, message in misfits(settings, getattr(variant, part)):
                     yield Problem((*key, part, *place), f"{method.name}: {message}", at_key=True)
+
+
+def _takes_random(method: str) -> bool:
+    """Whether it reuses policies of the kind of which there are such as have learned nothing."""
+    return not catalogue.known(method) or catalogue.MADE_AS["random"] in catalogue.entry_of(method).teaches
 
 
 def _unknown_methods(key: KeyPath, methods: tuple[str, ...], known: tuple[str, ...]) -> Iterator[Problem]:
