@@ -180,11 +180,13 @@ def _told(error: Any, reader: "_Reader", of: Kind[Any]) -> Problem:
         return Problem(path, unknown("key", str(path[-1]), tuple(known.model_fields)), at_key=True)
     if kind == "value_error":
         return Problem(path, str(context["error"]))
+    at_key = path[-1:] == ("[key]",)
+    path = path[:-1] if at_key else path
     text = _SAID.get(kind, error["msg"][:1].lower() + error["msg"][1:])
     where = ".".join(str(part) for part in path) or f"a {of.noun}"
     written = reader.written(path)
     advice = _advice(path, kind, written, of) if written is not None else ""
-    return Problem(path, f"{where}: {text}{advice and f'; {advice}'}", absent=kind == "too_short")
+    return Problem(path, f"{where}: {text}{advice and f'; {advice}'}", at_key, absent=kind == "too_short")
 
 
 def _advice(path: KeyPath, kind: str, written: str, of: Kind[Any]) -> str:

@@ -9,6 +9,7 @@ import dataclasses
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 from paddlectl.agents.settings import changed
@@ -72,7 +73,7 @@ class Cell:
         variant = f" {self.variant}" if self.variant else ""
         return f"{self.scenario.name} {self.method}{variant} seed {self.seed}"
 
-    @property
+    @cached_property
     def identity(self) -> str:
         """The same for cells that one run serves: without sources all scenarios of a target are one."""
         return _key_of_job(self.job(tuple(source.name for source in self.sources)))
@@ -166,7 +167,7 @@ def _cell(
     seed: int,
     frames: int | None,
 ) -> Cell:
-    teaches = teacher_of(method, load(scenario.target))
+    teaches = _teacher_of(method, scenario.target)
     scenario = varied(scenario, variant)
     random, budget = variant.random or (), study.source_frames
     learned = [task for task in scenario.source_names if task not in random] if teaches else []
@@ -176,6 +177,11 @@ def _cell(
     rules = changed(rules, variant.rules) if variant.rules else None
     frames = frames or study.frames or scenario.frames
     return Cell(scenario, method, name, seed, frames, tuple(sources), rules, variant.settings)
+
+
+@cache
+def _teacher_of(method: str, target: str) -> str | None:
+    return teacher_of(method, load(target))
 
 
 def _key_of(record: RunRecord) -> str:

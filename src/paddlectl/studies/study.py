@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field
 
 from paddlectl.agents.settings import misfits
-from paddlectl.errors import PaddlectlError
+from paddlectl.errors import PaddlectlError, UsageError
 from paddlectl.methods import catalogue
 from paddlectl.methods.base import method_of
 from paddlectl.registry.names import is_id
@@ -127,6 +127,7 @@ def _misuses(study: Study, path: Path) -> Iterator[Problem]:
                 ("scenarios", index), f"it reuses {named[0]}; a study reuses those of its own seeds"
             )
     yield from _unknown_methods(("methods",), study.methods, catalogue.names())
+    yield from _unfit_methods(study.methods, scenarios)
     names = [scenario.name for scenario in scenarios]
     for index, name in enumerate(names):
         if name in names[:index]:
@@ -162,6 +163,16 @@ def _misuses_of_variant(
             for part, settings in usual.items():
                 for place, message in misfits(settings, getattr(variant, part)):
                     yield Problem((*key, part, *place), f"{method.name}: {message}", at_key=True)
+
+
+def _unfit_methods(methods: tuple[str, ...], scenarios: list[Scenario]) -> Iterator[Problem]:
+    """Those that can't choose the actions of a target."""
+    for index, method in enumerate(methods):
+        for scenario in scenarios if catalogue.known(method) else ():
+            try:
+                catalogue.require_actions(method, suite.load(scenario.target))
+            except UsageError as error:
+                yield Problem(("methods", index), error.message)
 
 
 def _takes_random(method: str) -> bool:

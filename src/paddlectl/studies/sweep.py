@@ -41,16 +41,15 @@ class Plan(NamedTuple):
 
     def steps(self, failed: Iterable[str] = ()) -> list[Step]:
         """What can be done next, but for what failed before: sources first, then cells, each once."""
-        of_sources = {source.name: _of_source(source, found) for source, found in self.sources.items()}
-        of_cells = {
-            cell.identity: _of_cell(cell, found, [self.sources[source] for source in cell.sources])
-            for cell, found in reversed(self.cells)  # the first of those that share a run is named
-            if found != WAITING
-        }
-        for steps in (of_sources, dict(reversed(of_cells.items()))):
-            if left := [step for step in steps.values() if step and step.name not in failed]:
+        for steps in (self._of_sources(), self._of_cells(self.ready)):
+            if left := [step for step in steps if step.name not in failed]:
                 return left
         return []
+
+    @property
+    def ready(self) -> list[tuple[Cell, Found]]:
+        """The cells whose sources are there."""
+        return [(cell, found) for cell, found in self.cells if found != WAITING]
 
     def count(self, state: str) -> int:
         """How many cells are in a state of `Found`."""
@@ -79,13 +78,21 @@ class Plan(NamedTuple):
         return of_sources | lost
 
     def left(self) -> list[Step]:
-        """All that is to be done until the study is whole, as far as it is known now."""
+        """All that is to be done until the study is whole."""
+        return [*self._of_sources(), *self._of_cells(self.cells)]
+
+    def _of_sources(self) -> list[Step]:
         steps = [_of_source(source, found) for source, found in self.sources.items()]
-        ahead = {
-            cell.identity: _of_cell(cell, found, [self.sources[source] for source in cell.sources])
-            for cell, found in self.cells
-        }
-        return [step for step in (*steps, *ahead.values()) if step]
+        return [step for step in steps if step]
+
+    def _of_cells(self, cells: Sequence[tuple[Cell, Found]]) -> list[Step]:
+        """One for all cells that are served by one run; it has the name of the first."""
+        steps: dict[str, Step | None] = {}
+        for cell, found in cells:
+            if cell.identity not in steps:
+                sources = [self.sources[source] for source in cell.sources]
+                steps[cell.identity] = _of_cell(cell, found, sources)
+        return [step for step in steps.values() if step]
 
 
 def plan(registry: Registry, cells: Sequence[Cell]) -> Plan:

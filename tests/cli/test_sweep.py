@@ -1,0 +1,100 @@
+"""`paddlectl sweep`: a small study run for real, and what it says."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from paddlectl.errors import PaddlectlError
+from paddlectl.experiments.jobs import Failure
+from paddlectl.registry.store import Registry
+from paddlectl.studies.results import read_results
+from samples import ROOT, Command
+
+A = ROOT / "scenarios" / "A.yaml"
+
+
+def study(folder: Path, methods: str = "paddle, hdm") -> Path:
+    path = folder / "study.yaml"
+    path.write_text(
+        f"name: small\nscenarios: [{A}]\nmethods: [{methods}]\nseeds: 0\nframes: 2048\nsource_frames: 2048\n"
+    )
+    return path
+
+
+def test_a_study_is_run_once(command: Command, tmp_path: Path) -> None:
+    file, results = study(tmp_path), tmp_path / "results.json"
+    before = command("sweep", file, "--dry-run")
+    assert before.code == 0
+    assert before.out.startswith("small: 2 cells: 2 missing\nto run: 4 runs × 2,048 frames, ")
+    done = command("sweep", file, "--results", results, "--jobs", 2)
+    assert done.code == 0 and done.out.startswith("small: 2 cells: 2 finished\n")
+    runs = Registry.open(tmp_path / "registry").runs()
+    assert sorted((run.kind, run.method, run.task) for run in runs) == [
+        ("train", "hdm", "BlockedDoor"),
+        ("train", "hdm", "GapBall"),
+        ("transfer", "hdm", "BlockedBoxUnlockPickup"),
+        ("transfer", "paddle", "BlockedBoxUnlockPickup"),
+    ]
+    again = command("sweep", file, "--json").json
+    assert {(cell["method"], cell["state"], cell["frames"]) for cell in again["cells"]} == {
+        ("paddle", "finished", 2048),
+        ("hdm", "finished", 2048),
+    }
+    assert again["failed"] == [] and len(Registry.open(tmp_path / "registry").runs()) == 4
+    kept = read_results(results)
+    assert [(row.scenario, row.method, row.seed, row.frames) for row in kept] == [
+        ("A", "paddle", 0, 2048),
+        ("A", "hdm", 0, 2048),
+    ]
+    assert [row.source_frames for row in kept] == [4096, 0]
+    assert all(len(row.by_frames) == 100 for row in kept)
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """No job is done but fails; the names of tasks that were asked for."""
+    asked: list[str] = []
+
+    def run_jobs(jobs: Any, _: str, tell: Callable[..., None], *__: object) -> list[Failure]:
+        failures = []
+        for index, job in enumerate(jobs):
+            asked.append(job.task if hasattr(job, "task") else job.scenario.name)
+            failures.append(Failure(None, PaddlectlError("no")))
+            tell(index, failures[-1])
+        return failures
+
+    monkeypatch.setattr("paddlectl.experiments.processes.run_jobs", run_jobs)
+    return asked
+
+
+def test_what_fails_is_told_at_the_end_and_stops_nothing_else(
+    command: Command, failing: list[str], tmp_path: Path
+) -> None:
+    answer = command("sweep", study(tmp_path))
+    assert answer.code == 1
+    assert failing == ["BlockedDoor", "GapBall", "A"], "hdm needs no source"
+    assert "A paddle seed 0: its source failed: " in answer.err and "A hdm seed 0: no" in answer.err
+    assert answer.out == "small: 2 cells: 2 missing\n"
+
+
+def test_or_stops_all_the_others(command: Command, failing: list[str], tmp_path: Path) -> None:
+    answer = command("sweep", study(tmp_path), "--fail-fast", "--json")
+    assert answer.code == 1 and failing == ["BlockedDoor"]
+    assert [each["job"] for each in answer.json["failed"]] == ["BlockedDoor hdm seed 0"]
+
+
+def test_one_sweep_at_a_time(command: Command, failing: list[str], tmp_path: Path) -> None:
+    registry = Registry.open(tmp_path / "registry")
+    with registry.files.sweeping():
+        answer = command("sweep", study(tmp_path))
+    assert answer.code == 6 and "another sweep runs in" in answer.err and failing == []
+    assert command("sweep", study(tmp_path), "--dry-run").code == 0
+
+
+def test_what_is_wrong_is_told_before_anything_is_made(command: Command, tmp_path: Path) -> None:
+    file = study(tmp_path, "padle")
+    answer = command("sweep", file)
+    assert answer.code == 3 and f"{file}:3:11: unknown method 'padle'" in answer.err
+    assert not (tmp_path / "registry").exists()

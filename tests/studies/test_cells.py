@@ -1,0 +1,213 @@
+"""Which runs of a registry are a study's cells, and what is to be run for it."""
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from paddlectl.experiments.jobs import Job, RandomJob, ResumeJob, TrainJob, TransferJob
+from paddlectl.experiments.runner import budget_of, settings_of
+from paddlectl.methods.base import method_of
+from paddlectl.registry.store import Registry
+from paddlectl.studies.cells import Cell, cells_of
+from paddlectl.studies.study import load_study
+from paddlectl.studies.sweep import Plan, plan
+from paddlectl.tasks.suite import load
+from paddlectl.transfer.guidance import GuidanceSettings
+from samples import ROOT, add_policy
+
+SCENARIOS = ", ".join(str(ROOT / "scenarios" / f"{name}.yaml") for name in ("A", "C"))
+
+
+def cells(folder: Path, text: str) -> list[Cell]:
+    path = folder / "study.yaml"
+    path.write_text(f"name: mine\nscenarios: [{SCENARIOS}]\n{text}\n")
+    return cells_of(load_study(path))
+
+
+@pytest.fixture
+def registry(tmp_path: Path) -> Registry:
+    return Registry.open(tmp_path / "registry")
+
+
+def entered(registry: Registry, job: Job, status: str = "finished", text: str | None = None) -> str:
+    """A run as the runner enters it for a job, and how it ended."""
+    kind, method, task, sources, settings = told(job)
+    run = registry.add_run(
+        kind=kind,
+        method=method,
+        task=task,
+        scenario="A" if kind == "transfer" else None,
+        sources=sources,
+        seed=job.seed,
+        settings=json.loads(json.dumps(settings)),
+        versions={},
+    ).id
+    if status == "finished":
+        add_policy(registry, run, task, text, method=method, seed=job.seed)
+    if status != "running":
+        registry.finish_run(run, status=status, frames=9, episodes=1, seconds=1.0, results={})
+    return run
+
+
+def told(job: Job) -> tuple[str, str, str, tuple[str, ...], Mapping[str, Any]]:
+    match job:
+        case TransferJob():
+            method, task = method_of(job.method), load(job.scenario.target)
+            rules = job.rules or method.rules_for(task)
+            settings = {
+                "frames": job.frames,
+                "scenario": job.scenario.model_dump(mode="json"),
+                "learning": dataclasses.asdict(method.settings_for(task, job.scenario, job.changes)),
+                "rules": rules and dataclasses.asdict(rules),
+            }
+            return "transfer", job.method, task.name, job.sources, settings
+        case TrainJob():
+            learning = {"learning": dataclasses.asdict(settings_of(job)), "frames": budget_of(job)}
+            return "train", job.method, job.task, (), learning
+        case RandomJob():
+            drawn = TrainJob(job.task, job.seed)
+            return (
+                "train",
+                "random",
+                job.task,
+                (),
+                {"learning": dataclasses.asdict(settings_of(drawn)), "frames": 0},
+            )
+    raise AssertionError(job)
+
+
+def names(found: Plan, *tried: str) -> list[str]:
+    return [step.name for step in found.steps(tried)]
+
+
+def run_steps(registry: Registry, made: list[Cell]) -> list[str]:
+    """Enters all that is to be done next as finished runs."""
+    steps = plan(registry, made).steps()
+    return [entered(registry, step.job) for step in steps]
+
+
+def test_all_of_one_seed_come_together_and_variants_are_for_their_methods(tmp_path: Path) -> None:
+    variants = "variants: {usual: {}, other: {methods: [paddle], rules: {target_floor: 0.0}}}"
+    made = cells(tmp_path, f"methods: [paddle, hdm]\nseeds: 0-1\n{variants}")
+    assert [cell.name for cell in made[:6]] == [
+        "A paddle usual seed 0", "A hdm usual seed 0", "A paddle other seed 0",
+        "C paddle usual seed 0", "C hdm usual seed 0", "C paddle other seed 0",
+    ]  # fmt: skip
+    assert {cell.seed for cell in made[6:]} == {1} and len(made) == 12
+    assert made[2].rules.target_floor == 0.0 and made[0].rules is None
+    assert made[0].frames == 400_000, "the scenario's own"
+
+
+def test_sources_come_first_then_each_transfer_once(registry: Registry, tmp_path: Path) -> None:
+    made = cells(tmp_path, "methods: [paddle, hdm, cup]\nseeds: 3\nframes: 1000")
+    assert names(plan(registry, made)) == [
+        "BlockedDoor hdm seed 3", "GapBall hdm seed 3", "BlockedDoor ppo seed 3", "GapBall ppo seed 3",
+        "BoxDoor hdm seed 3", "BoxDoor ppo seed 3",
+    ]  # fmt: skip
+    run_steps(registry, made)
+    now = plan(registry, made)
+    # hdm reuses nothing, so that it is the same in both scenarios
+    assert names(now) == [
+        "A paddle seed 3",
+        "A hdm seed 3",
+        "A cup seed 3",
+        "C paddle seed 3",
+        "C cup seed 3",
+    ]
+    jobs = {step.name: step.job for step in now.steps()}
+    policies = {run.id: run.policy for run in registry.runs()}
+    assert jobs["A cup seed 3"].sources == (policies["run-3"], policies["run-4"])
+    assert jobs["C paddle seed 3"].sources == (policies["run-1"], policies["run-5"])
+    run_steps(registry, made)
+    whole = plan(registry, made)
+    assert names(whole) == [] and whole.count("finished") == 6
+    runs = {cell.name: found.run and found.run.id for cell, found in whole.cells}
+    assert runs["A hdm seed 3"] == runs["C hdm seed 3"]
+
+
+CHANGES: dict[str, Callable[[TransferJob], dict[str, Any]]] = {
+    "frames": lambda job: {"frames": job.frames + 1},
+    "seed": lambda job: {"seed": 4},
+    "settings": lambda job: {"changes": {"num_envs": 3}},
+    "rules": lambda job: {"rules": GuidanceSettings(trials=9)},
+    "sources": lambda job: {"sources": job.sources[::-1]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_run_that_differs_in_anything_is_another(change: str, registry: Registry, tmp_path: Path) -> None:
+    made = cells(tmp_path, "methods: [paddle]\nseeds: 3\nframes: 1000")
+    run_steps(registry, made)
+    (job, *_) = [step.job for step in plan(registry, made).steps()]
+    entered(registry, dataclasses.replace(job, **CHANGES[change](job)))
+    assert names(plan(registry, made)) == ["A paddle seed 3", "C paddle seed 3"]
+    entered(registry, job)
+    assert names(plan(registry, made)) == ["C paddle seed 3"]
+
+
+def test_similarity_and_guidance_count_where_a_source_is_reused(registry: Registry, tmp_path: Path) -> None:
+    text = "methods: [paddle, hdm]\nseeds: 3\nframes: 1000\nvariants: {usual: {}, body: {similarity: "
+    made = cells(tmp_path, text + "{body_weight: 1.0, head_weight: 0.0}}, paper: {guidance: {mode: paper}}}")
+    run_steps(registry, made)
+    found = names(plan(registry, made))
+    assert [name for name in found if "hdm" in name] == ["A hdm usual seed 3"]
+    assert len([name for name in found if "paddle" in name]) == 6
+
+
+def test_later_runs_of_the_same_change_nothing(registry: Registry, tmp_path: Path) -> None:
+    made = cells(tmp_path, "methods: [paddle]\nseeds: 3\nframes: 1000")
+    run_steps(registry, made)
+    run_steps(registry, made)
+    before = {cell.name: found.run and found.run.id for cell, found in plan(registry, made).cells}
+    entered(registry, TrainJob("BlockedDoor", 3))  # a newer one of the same
+    entered(registry, TrainJob("BlockedDoor", 3, 99))  # and one of another budget
+    now = plan(registry, made)
+    assert {cell.name: found.run and found.run.id for cell, found in now.cells} == before
+
+
+def test_what_was_stopped_goes_on_and_what_runs_elsewhere_is_left(registry: Registry, tmp_path: Path) -> None:
+    made = cells(tmp_path, "methods: [hdm]\nseeds: 3\nframes: 1000")
+    (step,) = plan(registry, made).steps()
+    stopped = entered(registry, step.job, "interrupted")
+    assert [step.job for step in plan(registry, made).steps()] == [ResumeJob(stopped)]
+    failed = entered(registry, dataclasses.replace(step.job, frames=7), "failed")
+    text = "methods: [hdm]\nseeds: 3\nframes: 7"
+    assert [step.job for step in plan(registry, cells(tmp_path, text)).steps()] == [ResumeJob(failed)]
+    with registry.files.hold(stopped):
+        registry.resume_run(stopped)
+        now = plan(registry, made)
+        assert names(now) == [] and [run.id for run in now.elsewhere] == [stopped] * 2
+    assert [step.job for step in plan(registry, made).steps()] == [ResumeJob(stopped)]
+
+
+def test_policies_that_have_learned_nothing(registry: Registry, tmp_path: Path) -> None:
+    made = cells(tmp_path, "methods: [paddle]\nseeds: 3\nvariants: {random: {random: [BoxDoor, OpenGoal]}}")
+    steps = plan(registry, made).steps()
+    assert [step.job for step in steps] == [
+        TrainJob("BlockedDoor", 3), TrainJob("GapBall", 3), RandomJob("BoxDoor", 3), RandomJob("OpenGoal", 3),
+    ]  # fmt: skip
+    entered(registry, RandomJob("BoxDoor", 3), "interrupted")
+    assert RandomJob("BoxDoor", 3) in [step.job for step in plan(registry, made).steps()]
+    run_steps(registry, made)
+    jobs = {step.name: step.job for step in plan(registry, made).steps()}
+    tasks = {name: [registry.policy(source).task for source in job.sources] for name, job in jobs.items()}
+    assert tasks == {
+        "A paddle random seed 3": ["BlockedDoor", "GapBall", "BoxDoor", "OpenGoal"],
+        "C paddle random seed 3": ["BlockedDoor", "BoxDoor", "OpenGoal"],
+    }
+
+
+def test_what_failed_stops_nothing_else(registry: Registry, tmp_path: Path) -> None:
+    made = cells(tmp_path, "methods: [paddle]\nseeds: 3\nframes: 1000")
+    for step in plan(registry, made).steps():
+        if step.task != "GapBall":
+            entered(registry, step.job)
+    now = plan(registry, made)
+    failed = ["GapBall hdm seed 3"]
+    assert names(now) == failed
+    assert names(now, *failed) == ["C paddle seed 3"]
+    assert now.lacking(failed, failed) == {"A paddle seed 3": "its source failed: GapBall hdm seed 3"}
