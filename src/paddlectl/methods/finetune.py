@@ -10,6 +10,7 @@ knows facts that its sources don't.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,18 @@ from paddlectl.tasks.base import Task
 
 TRIALS = 64
 """Episodes, on training layouts, by which the source is chosen. Their frames aren't counted."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """How much of its source the target starts with.
+
+    Attributes:
+        inheritance: Its low level is a copy of the source's, its preferences weakened to this share, so that
+            it explores again (TD3 has none to weaken).
+    """
+
+    inheritance: float = 1.0
 
 
 class FinetuneAgent(HybridAgent):
@@ -64,7 +77,7 @@ def start_from(source: Any, setup: Setup) -> HybridPolicy:
     take_clauses(target.clauses, source.clauses)
     theirs, own = source.low_level.state(), target.low_level.state()
     if {name: tensor.shape for name, tensor in theirs.items()} == {n: t.shape for n, t in own.items()}:
-        target.low_level.warm_start(theirs, 1.0)
+        target.low_level.warm_start(theirs, (setup.rules or Start()).inheritance)
     return target
 
 
@@ -91,6 +104,7 @@ FINETUNE = Method(
     name="finetune",
     settings_for=_settings,
     settings_from=settings_from,
+    rules_for=lambda _: Start(),
     make=make,
     policy=HybridPolicy,
 )
