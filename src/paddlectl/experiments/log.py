@@ -1,10 +1,14 @@
 """A run's entry in the registry while it goes on: its tables, its figures, and how it ended."""
 
+import os
 import platform
+import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib.metadata import distributions, version
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from paddlectl import plugins
@@ -122,8 +126,24 @@ def versions() -> dict[str, str]:
         "platform": platform.platform(),
         "threads": "1",
         **{package: version(package) for package in packages if package in installed},
+        "paddlectl": version("paddlectl") + _commit(),
         **plugins.versions(),
     }
+
+
+@cache
+def _commit() -> str:
+    """`+g2a34b0c` where the code is a checkout, with `.changed` if it isn't as committed; else empty."""
+    root = Path(__file__).parents[3]
+    if not (root / ".git").exists():
+        return ""
+    line = ["git", "-C", str(root), "describe", "--always", "--dirty=.changed", "--exclude=*"]
+    reads_only = os.environ | {"GIT_OPTIONAL_LOCKS": "0"}
+    try:
+        told = subprocess.run(line, env=reads_only, capture_output=True, text=True, timeout=5, check=True)  # noqa: S603
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return f"+g{told.stdout.strip()}"
 
 
 def _episode_row(episode: Episode) -> dict[str, Any]:

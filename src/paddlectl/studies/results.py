@@ -27,6 +27,7 @@ class Result:
     Attributes:
         variant: What was changed against the scenario; empty if nothing was.
         run: `run-42`.
+        code: The version of paddlectl that ran it, with its commit if it was a checkout.
         source_frames: Environment steps that its sources were trained with; they count for no method.
         jump_start: As `LearningCurve.figures` has it, as are the next three.
         frames_to_success: Until nine of ten among 100 episodes were solved; None if they never were.
@@ -40,6 +41,7 @@ class Result:
     variant: str
     seed: int
     run: str
+    code: str
     frames: int
     episodes: int
     seconds: float
@@ -64,6 +66,7 @@ def result_of(registry: Registry, record: RunRecord, scenario: str = "", variant
         variant=variant,
         seed=record.seed,
         run=record.id,
+        code=record.versions.get("paddlectl", ""),
         frames=record.frames,
         episodes=record.episodes,
         seconds=record.seconds,
