@@ -1,10 +1,8 @@
 """Settings of a method: frozen dataclasses in each other, changed by name and brought back from JSON."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
-
-from paddlectl.registry.names import nearest, shown
 
 RENAMED: Mapping[str, str] = {
     "lanes": "num_envs",
@@ -42,12 +40,12 @@ def restored(usual: Any, stored: Any, name: str) -> Any:
         )
     if isinstance(usual, tuple) and isinstance(stored, list | tuple):
         return tuple(restored(0, value, name) for value in stored)
-    if _kind(stored) is not _kind(usual):
+    if kind_of(stored) is not kind_of(usual):
         raise ValueError(f"{name} can't be {str(stored)[:60]}")
     return stored
 
 
-def _kind(value: Any) -> type:
+def kind_of(value: Any) -> type:
     """Its type; whole numbers are numbers like others."""
     return float if type(value) is int else type(value)
 
@@ -55,33 +53,12 @@ def _kind(value: Any) -> type:
 def changed(settings: Any, changes: Mapping[str, Any]) -> Any:
     """A copy of a settings dataclass with other values, also in the settings within it."""
     return replace(
-        settings, **{name: _in_place_of(getattr(settings, name), value) for name, value in changes.items()}
+        settings, **{name: in_place_of(getattr(settings, name), value) for name, value in changes.items()}
     )
 
 
-def _in_place_of(usual: Any, value: Any) -> Any:
+def in_place_of(usual: Any, value: Any) -> Any:
+    """A value as settings have it: those within others are changed, lists are tuples."""
     if isinstance(value, Mapping):
         return changed(usual, value)
     return tuple(value) if isinstance(value, list) else value
-
-
-def misfits(settings: Any, changes: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Where changes can't be made to settings, and why: a name that there isn't, or another kind of value."""
-    known = {each.name for each in fields(settings)} if is_dataclass(settings) else set()
-    for name, value in changes.items():
-        if name not in known:
-            near = nearest(name, sorted(known))
-            there = f"{near}there are: {', '.join(sorted(known))}" if known else "it has none of that kind"
-            yield (name,), f"no setting {shown(name)}; {there}"
-            continue
-        usual = getattr(settings, name)
-        if is_dataclass(usual) and isinstance(value, Mapping):
-            yield from (((name, *place), why) for place, why in misfits(usual, value))
-        elif is_dataclass(usual) or _kind(_in_place_of(None, value)) is not _kind(usual):
-            yield (name,), f"{name} is {_usually(usual)}"
-
-
-def _usually(usual: Any) -> str:
-    if is_dataclass(usual):
-        return f"a mapping of {', '.join(each.name for each in fields(usual))}"
-    return f"usually {list(usual) if isinstance(usual, tuple) else usual!r}"

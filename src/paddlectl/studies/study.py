@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field
 
-from paddlectl.agents.settings import misfits
 from paddlectl.errors import PaddlectlError, UsageError
 from paddlectl.methods import catalogue
 from paddlectl.methods.base import method_of
+from paddlectl.methods.changes import misfits
 from paddlectl.registry.names import is_id
 from paddlectl.scenario import (
     Frames,
