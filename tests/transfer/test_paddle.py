@@ -448,7 +448,33 @@ def test_nothing_is_told_of_guides_before_the_first_decision():
     policy, given = target(), sources(LAMP)
     selector = guides.PaperGuides(policy, candidates(policy, given), 4, np.random.default_rng(0), LETTER)
     agent = PaddleAgent(policy, given, selector, {}, 0, 512)
-    assert (agent.reuse(), agent.close()) == ([], {"weights": []})
+    assert (agent.reuse(), agent.close()) == ([], {"moments": [], "weights": []})
+
+
+@pytest.mark.parametrize("mode", ["paper", "default"])
+def test_every_decision_is_told_at_one_moment_of_the_run(mode):
+    policy, given = target(), sources(LAMP, WALK)
+    made = learning(policy, given, one_of_each(mode, policy, given, SMALL.num_envs), 0, 6400)
+    tables, decided, known = [], 0, 0
+    counted = made.agent.guides.clear
+
+    def clear():
+        nonlocal decided
+        decided += made.agent.guides.decisions.sum()
+        counted()
+
+    made.agent.guides.clear = clear
+    for round_ in made:
+        known += len(round_.episodes)
+        tables.append(made.agent.record(round_.frames, round_.episodes, known))
+    decided += made.agent.guides.decisions.sum()
+    tables.append(made.agent.close())
+    rows = [row for table in tables for row in table.get("moments", ())]
+    assert sum(row["chosen"] for row in rows) == decided > 0
+    assert len({row["frames"] for row in rows}) > 50
+    assert {row["policy"] for row in rows} == {"target", "policy-1", "policy-2"}
+    assert {row["scene"] for row in rows} <= set(range(len(policy.clauses.bodies)))
+    assert len([table for table in tables if "weights" in table]) == 2  # of the early phase, and of the late
 
 
 @pytest.mark.parametrize("mode", ["paper", "default"])

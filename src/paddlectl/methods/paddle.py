@@ -26,6 +26,8 @@ from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
 EARLY = 100
 """Episodes of the early phase."""
+MOMENTS = 100
+"""Of a run, at which it is told who led."""
 
 _MAZE = USUAL["maze2d"]
 GUIDED: Mapping[str, HybridSettings] = {
@@ -66,7 +68,8 @@ class PaddleAgent(HybridAgent):
     `GuideSelector.select`); its return is taken down (lines 16-19, `GuideSelector.on_decision_end`); after
     each rollout the target learns from all of it (line 22). The sources stay as they are.
 
-    It keeps the weights and an episode of the first hundred, and of the last tenth of the run.
+    It keeps the weights and an episode of the first hundred, and of the last tenth of the run; and, shorter,
+    the weights at a hundred moments.
     """
 
     def __init__(
@@ -85,7 +88,7 @@ class PaddleAgent(HybridAgent):
         self._recorder = GuideRecorder(selector, sources)
         self._mapping = mapping
         self._frames = frames
-        self._phase, self._since, self._now = "early", 0, 0
+        self._phase, self._since, self._now, self._moment = "early", 0, 0, 0
         self._trace: dict[str, Any] = {}
 
     def reuse(self) -> Sequence[ReuseRow]:
@@ -104,7 +107,7 @@ class PaddleAgent(HybridAgent):
         ]
 
     def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
-        """The weights at the end of the early phase."""
+        """The weights at each moment, and those at the end of the early phase."""
         for episode, decisions in zip(episodes, self.guides.traces, strict=True):
             self._keep_trace(episode.score, decisions)
         self.guides.traces.clear()
@@ -112,15 +115,24 @@ class PaddleAgent(HybridAgent):
         if self._phase == "early" and known >= EARLY:
             tables = self.close()
             self._phase, self._since = "late", frames
-            self.guides.clear()
+            self._recorder.clear()
             return tables
         if self._phase == "late" and self._frames - frames >= tenth <= frames - self._since:
+            moments = self._moments()
             self._since = frames
-            self.guides.clear()
-        return {}
+            self._recorder.clear()
+            return moments
+        return self._moments() if frames - self._moment >= self._frames / MOMENTS else {}
 
     def close(self) -> Tables:
         """The weights as of now."""
+        return {**self._moments(), **self._weights()}
+
+    def _moments(self) -> Tables:
+        self._moment = self._now
+        return {"moments": list(self._recorder.moment(self._now))}
+
+    def _weights(self) -> Tables:
         return {"weights": list(self._recorder.weights(self._phase, self._now))}
 
     def documents(self) -> Mapping[str, Any]:

@@ -14,6 +14,8 @@ from paddlectl.transfer.documents import body_document
 from paddlectl.transfer.guidance import RULES
 from paddlectl.transfer.guides import GuideSelector, TracedDecision
 
+DIGITS = 4
+
 
 class GuideRecorder:
     """Reads a selector's tables in the names of scenes, subgoals and policies."""
@@ -24,6 +26,38 @@ class GuideRecorder:
         self._subgoals = selector.target.task.domain_subgoals
         self._policies = (TARGET_NAME, *(source.policy for source in sources))
         self._tasks = (selector.target.task.name, *(source.task for source in sources))
+        self._known = np.zeros(selector.shape, np.intp)
+
+    def clear(self) -> None:
+        """Starts the selector's counts anew; what it was asked since the last moment is forgotten."""
+        self._selector.clear()
+        self._known[:] = 0
+
+    def moment(self, frames: int) -> Iterator[dict[str, Any]]:
+        """Who led in each scene that came up since the last moment, and by which weights as of now.
+
+        A scene is told by its place in mapping.json. Of several matches of one source the row shows that of
+        largest Λ, at the level of progress that the scene came up with most.
+        """
+        if not self._selector.decisions.any():
+            return
+        weighing, chosen = self._selector.weigh(), self._selector.chosen.sum(-1)
+        led = (chosen - self._known).reshape(-1, PROGRESS, chosen.shape[1])
+        self._known = chosen
+        for scene in np.flatnonzero(led.sum((1, 2))):
+            row = scene * PROGRESS + int(led[scene].sum(-1).argmax())
+            for number, policy in enumerate(self._policies):
+                best = self._best(number, weighing.weight[row], weighing.similarity[row])
+                if best is not None:
+                    yield {
+                        "frames": frames,
+                        "scene": int(scene),
+                        "policy": policy,
+                        "similarity": round(float(weighing.similarity[row, best]), DIGITS),
+                        "performance": round(float(weighing.performance[row, best]), DIGITS),
+                        "weight": round(float(weighing.weight[row, best]), DIGITS),
+                        "chosen": int(led[scene][:, self._selector.candidates.guides == number].sum()),
+                    }
 
     def weights(self, phase: str, frames: int) -> Iterator[dict[str, Any]]:
         """One row for each scene met since the selector was cleared, and each policy with a match there.
