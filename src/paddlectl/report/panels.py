@@ -50,7 +50,6 @@ class Panel:
 
     Attributes:
         note: What stands below the title.
-        joined: Whether something is known between two points of a line.
         counted: Whether its lines are over seeds.
     """
 
@@ -59,7 +58,6 @@ class Panel:
     x_label: str
     y_label: str
     series: tuple[Series, ...]
-    joined: bool = True
     counted: bool = True
 
     @property

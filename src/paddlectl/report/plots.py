@@ -34,6 +34,7 @@ COLUMN, TEXT = 3.4, 7.0  # a paper's widths, in inches
 PANEL = 2.1  # height of a panel, in inches
 LINE = 0.17  # of the legend
 LETTER = 0.06
+FEW = 10  # points of a line, of which each is marked
 DPI = 200
 COLUMNS = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}  # of so many panels; else 4
 
@@ -63,7 +64,7 @@ def require_matplotlib() -> None:
     """
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it tells of its caches
     try:
-        import matplotlib.figure  # noqa: F401
+        import matplotlib  # noqa: F401
     except ImportError:
         raise PaddlectlError(
             "figures need matplotlib, which isn't installed", "run: pip install 'paddlectl[plots]'"
@@ -164,11 +165,12 @@ def _draw(axes: "Axes", panel: Panel, look: dict[str, Style], letters: int) -> N
     from matplotlib.ticker import EngFormatter, MaxNLocator
 
     for place, one in enumerate(panel.series):
-        _line(axes, one, look[one.label], place, joined=panel.joined)
+        _line(axes, one, look[one.label], place)
     top = max([1.0, *(1.05 * value for one in panel.series for value in one.high)])
     bottom = min([0.0, *(value for one in panel.series for value in one.low)])
+    right = max([1.0, *(x for one in panel.series for x in one.x)])
     axes.set_ylim(bottom - 0.02 * top, 1.02 * top)
-    axes.margins(x=0.02)
+    axes.set_xlim(-0.02 * right, 1.02 * right)
     axes.set_title(_heading(panel, letters))
     axes.xaxis.set_major_locator(MaxNLocator(4, integer=True, steps=[1, 2, 5, 10]))
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
@@ -181,17 +183,17 @@ def _heading(panel: Panel, letters: int) -> str:
     return shown(panel.title, letters - len(seeds)) + seeds + note
 
 
-def _line(axes: "Axes", one: Series, style: Style, place: int, *, joined: bool) -> None:
-    """One series; few markers on a line, at others than the lines before it."""
-    alone = len(one.x) == 1 or not joined
-    every = max(1, len(one.x) // 8)
+def _line(axes: "Axes", one: Series, style: Style, place: int) -> None:
+    """One series; a few of many points are marked, others than those of the lines before it."""
+    few = len(one.x) <= FEW
+    every = max(1, len(one.x) // FEW)
     axes.plot(
         one.x,
         one.mid,
         color=style.colour,
-        linestyle=style.dashes if joined else "",
-        marker=style.marker or ("." if alone else ""),
-        markevery=(0 if alone else place % every, every),
+        linestyle=style.dashes,
+        marker=style.marker or ("." if few else ""),
+        markevery=(place % every, every),
     )
     if one.n > 1:
         axes.fill_between(one.x, one.low, one.high, color=style.colour, alpha=0.15, linewidth=0)

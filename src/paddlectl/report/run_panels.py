@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from paddlectl.errors import NotFoundError
-from paddlectl.experiments.curves import MOMENTS, WINDOW, LearningCurve
+from paddlectl.experiments.curves import MOMENTS, WINDOW, LearningCurve, in_order
 from paddlectl.experiments.log import ended_episodes
 from paddlectl.registry.names import ELSEWHERE
 from paddlectl.registry.records import RunRecord
@@ -25,20 +25,13 @@ def run_panels(registry: Registry, run: RunRecord, axis: str) -> list[Panel]:
         NotFoundError: If too few episodes have ended.
         IntegrityError: If a table of it isn't what a run writes.
     """
-    note = f"seed {run.seed}, mean of the latest {WINDOW} episodes"
-    score = Panel(
-        f"{run.id}: {run.method} on {run.task}",
-        note,
-        axis,
-        SCORE,
-        (_score(registry, run, axis),),
-        counted=False,
-    )
+    title, note = f"{run.id}: {run.method} on {run.task}", f"seed {run.seed}, latest {WINDOW} episodes"
+    score = Panel(title, note, axis, SCORE, (_score(registry, run, axis),), counted=False)
     return [score, *_followed(registry, run)]
 
 
 def _score(registry: Registry, run: RunRecord, axis: str) -> Series:
-    episodes = [*ended_episodes(registry, run.id)]
+    episodes = in_order(ended_episodes(registry, run.id))
     if len(episodes) < (EPISODES if axis == "episodes" else 1):
         told = f"{len(episodes)} episodes of {run.id} have ended, too few for a curve over {axis}"
         raise NotFoundError(told, "run: paddlectl runs")
@@ -51,12 +44,12 @@ def _score(registry: Registry, run: RunRecord, axis: str) -> Series:
 
 
 def _followed(registry: Registry, run: RunRecord) -> list[Panel]:
-    """Nothing of a run that reuses nothing."""
+    """The share of each in the choices of each period; no panel of a run that reuses nothing."""
     if rows := reuse_rows(registry, run):
-        followed, note, joined = _counted(rows, "source"), "", True
+        followed, note = _counted(rows, "source"), ""
     else:
         rows = [row for row in weight_rows(registry, run) if "frames" in row]
-        followed, note, joined = _counted(rows, "policy"), "first episodes, and last tenth", False
+        followed, note = _counted(rows, "policy"), "in the first episodes, and at the end"
     totals = {frames: of_period.total() for frames, of_period in followed.items()}
     met = [frames for frames in sorted(followed) if totals[frames]]
     if not met:
@@ -67,17 +60,8 @@ def _followed(registry: Registry, run: RunRecord) -> list[Panel]:
         Series.single(labels(candidate), met, [followed[at][candidate] / totals[at] for at in met])
         for candidate in candidates
     )
-    return [
-        Panel(
-            "who was followed",
-            note,
-            "frames, up to the end of a period",
-            "share",
-            lines,
-            joined,
-            counted=False,
-        )
-    ]
+    x_label = "frames, at the end of each period"
+    return [Panel("who was followed", note, x_label, "share of choices", lines, counted=False)]
 
 
 def _counted(rows: Iterable[Mapping[str, Any]], who: str) -> dict[int, Counter[str]]:
@@ -90,11 +74,8 @@ def _counted(rows: Iterable[Mapping[str, Any]], who: str) -> dict[int, Counter[s
 
 def _labels(registry: Registry, run: RunRecord) -> Labels:
     """Sources by their tasks; of an imported run's, by their ids elsewhere."""
-    return Labels(
-        {
-            source.removeprefix(ELSEWHERE): source
-            if source.startswith(ELSEWHERE)
-            else registry.policy(source).task
-            for source in run.sources
-        }
-    )
+    here = {
+        source: registry.policy(source).task for source in run.sources if not source.startswith(ELSEWHERE)
+    }
+    there = {source.removeprefix(ELSEWHERE): source for source in run.sources if source not in here}
+    return Labels(here | there)
