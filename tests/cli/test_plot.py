@@ -1,6 +1,7 @@
 """`plot`: what it writes, what it says of it, and what it refuses."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,8 +9,9 @@ import pytest
 
 from paddlectl.registry.store import Registry
 from paddlectl.report.spelling import spelled
+from paddlectl.studies.cells import Cell
 from paddlectl.studies.results import Result, write_results
-from samples import Command
+from samples import ROOT, Command
 
 RESULT = Result(
     scenario="A", target="BoxDoor", method="paddle", variant="", seed=0, run="run-1", frames=1000,
@@ -40,6 +42,29 @@ def test_a_file_of_results_needs_no_registry(command: Command, here: Path) -> No
         **{kind: f"a/b/fig4-episodes.{kind}" for kind in ("svg", "png", "csv")},
     }
     assert len((here / answer.json["csv"]).read_text().splitlines()) == 1 + 4
+
+
+def test_a_study_is_drawn_from_its_finished_cells(
+    registry: Registry, command: Command, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = ROOT / "scenarios" / "paper" / "fig6a.yaml"
+    answer = command("plot", study)
+    assert (answer.code, answer.out) == (4, "")
+    assert answer.err.splitlines() == [
+        f"error: no results in {study}",
+        f"run: paddlectl sweep {study} --dry-run",
+    ]
+
+    def results_of(opened: Registry, cells: Sequence[Cell]) -> list[Result]:
+        assert opened.location == registry.location
+        return [
+            replace(RESULT, scenario=cell.scenario.name, method=cell.method, seed=cell.seed) for cell in cells
+        ]
+
+    monkeypatch.setattr("paddlectl.studies.sweep.results_of", results_of)
+    answer = command("plot", study, "--json")
+    told = (here / answer.json["csv"]).read_text()
+    assert answer.json["figure"] == "fig6a" and "finetune" in told and "paddle" in told
 
 
 def test_a_run_is_drawn_and_shown_in_a_line(registry: Registry, command: Command, here: Path) -> None:

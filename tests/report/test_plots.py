@@ -5,7 +5,6 @@ import io
 import os
 import subprocess
 import sys
-from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -24,7 +23,6 @@ from paddlectl.report.plots import images
 for kind, data in images(figure(2, ("paddle", "hdm")), "a caption").items():
     print(kind, hashlib.sha256(data).hexdigest())
 """
-SPACE = 300  # of a figure with room for anything, in inches
 
 
 def line(label, n=3, points=100, level=0.5):
@@ -32,7 +30,7 @@ def line(label, n=3, points=100, level=0.5):
         tuple(map(float, range(0, 1000 * points, 1000))),
         tuple(level * p / points for p in range(points)),
     )
-    return Series(label, x, mid, tuple(0.9 * y for y in mid), tuple(1.1 * y for y in mid), n)
+    return Series(label, x, mid, tuple(y - 0.1 for y in mid), tuple(y + 0.1 for y in mid), n)
 
 
 def figure(panels=1, labels=("paddle",), **more):
@@ -47,17 +45,14 @@ def test_the_same_numbers_are_the_same_bytes_in_any_process(tmp_path):
     """Whatever the order of sets, the date, and the user's own settings of matplotlib."""
     (tmp_path / "matplotlibrc").write_text("font.size: 20\nsavefig.dpi: 50\nsvg.fonttype: path\n")
     here = Path(__file__)
-    told = []
-    for seed, more in (("1", {}), ("2", {"MATPLOTLIBRC": str(tmp_path), "SOURCE_DATE_EPOCH": "1"})):
-        paths = os.pathsep.join(map(str, (here.parents[2] / "src", here.parents[1], here.parent)))
-        environment = os.environ | {"PYTHONPATH": paths, "PYTHONHASHSEED": seed} | more
-        done = subprocess.run(
-            [sys.executable, "-c", DRAW], env=environment, capture_output=True, text=True, check=True
-        )
-        told.append(done.stdout)
+    paths = os.pathsep.join(map(str, (here.parents[2] / "src", here.parents[1], here.parent)))
+    more = {"PYTHONPATH": paths, "PYTHONHASHSEED": "1", "MATPLOTLIBRC": str(tmp_path), "TZ": "Asia/Tokyo"}
+    line = [sys.executable, "-c", DRAW]
+    done = subprocess.run(line, env=os.environ | more, capture_output=True, text=True, check=True)
     mine = images(figure(2, ("paddle", "hdm")), "a caption")
-    own = "".join(f"{kind} {hashlib.sha256(data).hexdigest()}\n" for kind, data in mine.items())
-    assert told == [own, own]
+    assert done.stdout == "".join(
+        f"{kind} {hashlib.sha256(data).hexdigest()}\n" for kind, data in mine.items()
+    )
 
 
 def test_files_are_written_beside_each_other_and_replaced_whole(tmp_path):
@@ -134,51 +129,43 @@ def test_a_long_name_loses_its_middle():
         (1, tuple(METHODS)),
         (1, ("paddle, with γ_body 0.5 and γ_head 0.5 and more words than a column is wide",)),
         (2, tuple(f"paddle, variant {n}" for n in range(12))),
-        (5, ("paddle",)),
-        (8, tuple(METHODS)),
-        (13, ("paddle", "hdm")),
+        (8, ("paddle", "hdm")),
     ],
 )
-@pytest.mark.parametrize("name", ["A", "A scenario of a name that no panel has room for"])
-def test_nothing_is_cut_off_and_no_two_texts_overlap(panels, labels, name):
-    told = [Panel(f"{name} {n}", name, "frames", "score", tuple(map(line, labels))) for n in range(panels)]
+def test_nothing_is_cut_off_and_no_two_texts_overlap(panels, labels):
+    names = ("A", "A scenario of a name that no panel has room for")
+    lines = tuple(map(line, labels))
+    told = [Panel(f"{names[n % 2]}, {n}", names[n % 2], "frames", "score", lines) for n in range(panels)]
     with plots._own_style():
         drawn = plots._drawn(told, "interquartile mean over n seeds, and its 95 % bootstrap interval")
         drawn.draw_without_rendering()
-        paper, boxes = drawn.bbox, [text.get_window_extent() for text in visible_texts(drawn)]
+        boxes = [(text.get_text(), text.get_window_extent()) for text in visible_texts(drawn)]
+    paper = drawn.bbox
     assert len(drawn.axes) == panels and len(boxes) > panels
-    for box in boxes:
-        assert paper.x0 <= box.x0 and box.x1 <= paper.x1 and paper.y0 <= box.y0 and box.y1 <= paper.y1
-    for place, box in enumerate(boxes):
-        assert not any(box.overlaps(other) for other in boxes[place + 1 :])
+    for place, (text, box) in enumerate(boxes):
+        inside = (paper.x0 <= box.x0, box.x1 <= paper.x1, paper.y0 <= box.y0, box.y1 <= paper.y1)
+        assert all(inside), text
+        assert not [(text, other) for other, its in boxes[place + 1 :] if box.overlaps(its)]
 
 
 def visible_texts(drawn):
+    """Also of ticks, of which the axes keep more than they show."""
     from matplotlib.text import Text
 
-    shown_ticks = [
-        label
+    ticks = {
+        label: low <= label.get_position()[side] <= high
         for axes in drawn.axes
-        for axis in (axes.xaxis, axes.yaxis)
+        for side, (axis, (low, high)) in enumerate(
+            ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim()))
+        )
         for label in axis.get_ticklabels()
-        if axis.get_view_interval()[0]
-        <= label.get_position()[axis is axes.yaxis]
-        <= axis.get_view_interval()[1]
-    ]
-    others = [text for text in drawn.findobj(Text) if text.get_text() and text not in all_ticks(drawn)]
-    return [text for text in (*shown_ticks, *others) if text.get_text()]
-
-
-def all_ticks(drawn):
-    return {
-        label
-        for axes, side in product(drawn.axes, ("xaxis", "yaxis"))
-        for label in getattr(axes, side).get_ticklabels()
     }
+    found = [text for text in drawn.findobj(Text) if text.get_text() and text.get_visible()]
+    return [text for text in found if ticks.get(text, True)]
 
 
 def test_a_panel_reaches_as_high_and_low_as_its_bands():
-    for level, low, high in ((0.3, 0.0, 1.0), (50.0, 0.0, 55.0), (-2.0, -2.2, 1.0)):
+    for level, low, high in ((0.3, -0.1, 1.0), (50.0, -0.1, 49.6), (-2.0, -2.08, 1.0)):
         with plots._own_style():
             (axes,) = plots._drawn(figure(level=level), "").axes
         bottom, top = axes.get_ylim()

@@ -111,17 +111,17 @@ def _pairs(labels: "Iterable[Label]") -> list[tuple[str, str]]:
 
 
 @_quiet
-def scenario_files(incomplete: str) -> list[str]:
-    return _files(incomplete, (".yaml", ".yml"))
+def result_files(incomplete: str) -> list[str]:
+    """Studies and files of results."""
+    return _files(incomplete, ".yaml", ".yml", ".json")
 
 
 @_quiet
-def plotted_files(incomplete: str) -> list[str]:
-    """Studies, and results of one."""
-    return _files(incomplete, (".yaml", ".yml", ".json"))
+def scenario_files(incomplete: str) -> list[str]:
+    return _files(incomplete, ".yaml", ".yml")
 
 
-def _files(incomplete: str, suffixes: Sequence[str]) -> list[str]:
+def _files(incomplete: str, *suffixes: str) -> list[str]:
     folder = Path(incomplete).parent if not incomplete.endswith("/") else Path(incomplete)
     found = [path for path in folder.expanduser().iterdir() if path.is_dir() or path.suffix in suffixes]
     shown = sorted(f"{folder / path.name}/" if path.is_dir() else str(folder / path.name) for path in found)

@@ -59,10 +59,10 @@ def complete_scenarios(incomplete: str) -> list[str]:
 
 
 def complete_plotted(ctx: typer.Context, incomplete: str) -> list[str | tuple[str, str]]:
-    from paddlectl.cli.completion import plotted_files, plotted_names
+    from paddlectl.cli.completion import plotted_names, result_files
 
     runs = [pair for pair in plotted_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
-    return [*runs, *(name for name in plotted_files(incomplete) if name.startswith(incomplete))]
+    return [*runs, *(name for name in result_files(incomplete) if name.startswith(incomplete))]
 
 
 def one_method_of(names: Iterable[str]) -> Callable[[str], list[str]]:

@@ -1,5 +1,6 @@
 """`paddlectl plot`."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -60,7 +61,8 @@ def plot(
         panels = run_panels(opened, record, x)
         scores = panels[0].series[0].mid
         told = [f"score {sparkline(scores, BARS, sys.stdout.encoding)} {scores[-1]:.2f}"]
-    files = write_figure(panels, to, name if x == "frames" else f"{name}-{x}", caption)
+    name = name if x == "frames" else f"{name}-{x}"
+    files = write_figure(panels, to, name, caption)
     if as_json:
         print_json({"figure": name, **{kind: str(path) for kind, path in files.items()}})
     else:
@@ -77,13 +79,15 @@ def _results(path: Path, registry: str) -> "Sequence[Result]":
     from paddlectl.registry.store import Registry
     from paddlectl.studies.results import read_results
 
-    results: Sequence[Result]
     match path.suffix.lower():
         case ".yaml" | ".yml":
-            from paddlectl.studies.cells import results_of_study
+            from paddlectl.studies.cells import cells_of
+            from paddlectl.studies.study import load_study
+            from paddlectl.studies.sweep import results_of
 
-            results = results_of_study(Registry.open(registry, create=False), path)
-            hint = f"run: paddlectl sweep {path}"
+            cells = cells_of(load_study(path))
+            results = results_of(Registry.open(registry, create=False), cells)
+            hint = f"run: paddlectl sweep {shlex.quote(str(path))} --dry-run"
         case ".json":
             results, hint = read_results(_file(path)), ""
         case _:

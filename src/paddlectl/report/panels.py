@@ -125,11 +125,12 @@ def _series(
 
 def _over_frames(results: Sequence[Result]) -> tuple[Floats, Floats]:
     """Moments up to the end of the shortest run, and the scores there. [points], [seeds, points]"""
-    x = np.linspace(0, min(result.frames for result in results), MOMENTS, endpoint=False)
+    points = MOMENTS if all(result.by_frames for result in results) else 0
+    x = np.linspace(0, min(result.frames for result in results), points, endpoint=False)
     curves = []
     for result in results:
         own = np.linspace(0, result.frames, len(result.by_frames), endpoint=False)
-        curves.append(np.interp(x, own, result.by_frames))
+        curves.append(np.interp(x, own, result.by_frames) if points else x)
     return x, np.array(curves)
 
 

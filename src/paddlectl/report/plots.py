@@ -33,7 +33,7 @@ MARKERS = ("", "o", "^", "s", "v", "D", "X", "P")
 COLUMN, TEXT = 3.4, 7.0  # a paper's widths, in inches
 PANEL = 2.1  # height of a panel, in inches
 LINE = 0.17  # of the legend
-LETTER = 0.06
+LETTER = 0.062
 FEW = 10  # points of a line, of which each is marked
 DPI = 200
 COLUMNS = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}  # of so many panels; else 4
@@ -83,7 +83,7 @@ def write_figure(panels: Sequence[Panel], folder: Path, name: str, caption: str 
     Returns:
         `svg`, `png` and `csv`: where they are.
     """
-    files = {**images(panels, caption), "csv": csv_text(panels).encode()}
+    files = {**images(panels, caption), "csv": csv_text(panels).encode("utf-8", "backslashreplace")}
     folder.mkdir(parents=True, exist_ok=True)
     paths = {kind: folder / f"{name}.{kind}" for kind in files}
     for kind, data in files.items():
@@ -132,7 +132,7 @@ def _drawn(panels: Sequence[Panel], caption: str) -> "Figure":
     for axes in places[len(panels) :]:
         axes.remove()
     for place, (axes, panel) in enumerate(zip(places, panels, strict=False)):
-        _draw(axes, panel, look, int(width / columns / LETTER))
+        _draw(axes, panel, look, int(width / columns / LETTER) - 4)
         if place + columns >= len(panels) or panels[place + columns].x_label != panel.x_label:
             axes.set_xlabel(panel.x_label)
         if place % columns == 0 or panels[place - 1].y_label != panel.y_label:
