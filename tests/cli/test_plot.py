@@ -1,7 +1,9 @@
 """`plot`: what it writes, what it says of it, and what it refuses."""
 
+import json
+import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,6 +91,14 @@ def test_without_matplotlib_it_says_what_to_install(
         "run: pip install 'paddlectl[plots]'",
     ]
     assert not (here / "figures").exists()
+
+
+def test_a_notebooks_shell_names_a_backend_that_isnt_needed(
+    process: Callable[..., subprocess.CompletedProcess[str]],
+) -> None:
+    done = process("plot", "fig4.json", "--json", MPLBACKEND="module://matplotlib_inline.backend_inline")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["figure"] == "fig4"
 
 
 @pytest.mark.parametrize(

@@ -178,6 +178,7 @@ def test_a_few_points_are_seen(points):
         (axes,) = plots._drawn(figure(points=points), "").axes
     (drawn,) = axes.get_lines()
     assert len(drawn.get_xdata()) == points and drawn.get_marker() == "."
+    assert [note.get_text() for note in axes.texts] == ([] if points else ["no points"])
     assert images(figure(points=points))
 
 

@@ -6,6 +6,7 @@ Colours are such as colour-blind readers can tell apart; line style and marker t
 import io
 import logging
 import math
+import os
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -63,6 +64,7 @@ def require_matplotlib() -> None:
         PaddlectlError: If there is no matplotlib.
     """
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it tells of its caches
+    os.environ["MPLBACKEND"] = "agg"  # a notebook's shell may name one that isn't installed here
     try:
         import matplotlib  # noqa: F401
     except ImportError:
@@ -166,6 +168,8 @@ def _draw(axes: "Axes", panel: Panel, look: dict[str, Style], letters: int) -> N
 
     for place, one in enumerate(panel.series):
         _line(axes, one, look[one.label], place)
+    if not any(one.x for one in panel.series):
+        axes.annotate("no points", (0.5, 0.5), xycoords="axes fraction", ha="center")
     top = max([1.0, *(1.05 * value for one in panel.series for value in one.high)])
     bottom = min([0.0, *(value for one in panel.series for value in one.low)])
     right = max([1.0, *(x for one in panel.series for x in one.x)])
