@@ -13,13 +13,8 @@ from paddlectl.registry.store import Registry
 from paddlectl.report.spelling import spelled
 from paddlectl.studies.cells import Cell
 from paddlectl.studies.results import Result, write_results
-from samples import ROOT, Command
+from samples import RESULT, ROOT, Command
 
-RESULT = Result(
-    scenario="A", target="BoxDoor", method="paddle", variant="", seed=0, run="run-1", frames=1000,
-    episodes=200, seconds=1.0, source_frames=0, jump_start=0.0, final_score=0.0, success_rate=0.0,
-    area_under_curve=0.0, frames_to_success=None, by_frames=(0.5,) * 100, by_episodes=(0.5,) * 4,
-)  # fmt: skip
 EPISODES = [{"order": n, "started": 9 * n, "frames": 9 * n + 9, "score": n / 100} for n in range(100)]
 
 

@@ -8,19 +8,13 @@ import numpy as np
 import pytest
 
 from paddlectl.report.panels import FIELDS, band, csv_text, panels_of
-from paddlectl.studies.results import Result
-
-FLAT = Result(
-    scenario="A", target="BoxDoor", method="paddle", variant="", seed=0, run="run-1", frames=1000,
-    episodes=200, seconds=1.0, source_frames=0, jump_start=0.0, final_score=0.0, success_rate=0.0,
-    area_under_curve=0.0, frames_to_success=None, by_frames=(0.5,) * 100, by_episodes=(0.5,) * 4,
-)  # fmt: skip
+from samples import RESULT
 
 
 def seeds(*levels, **more):
     """A result a seed, each of one score throughout."""
     return [
-        replace(FLAT, seed=seed, by_frames=(level,) * 100, by_episodes=(level,) * 4, **more)
+        replace(RESULT, seed=seed, by_frames=(level,) * 100, by_episodes=(level,) * 4, **more)
         for seed, level in enumerate(levels)
     ]
 
@@ -56,18 +50,18 @@ def test_of_a_cell_that_is_told_twice_the_latter_counts():
 
 def test_a_line_goes_as_far_as_every_seed_of_it():
     rising = tuple(number / 100 for number in range(100))
-    long = replace(FLAT, seed=1, frames=2000, by_frames=rising, by_episodes=(1.0,) * 7)
-    (panel,) = panels_of([FLAT, long], "frames")
+    long = replace(RESULT, seed=1, frames=2000, by_frames=rising, by_episodes=(1.0,) * 7)
+    (panel,) = panels_of([RESULT, long], "frames")
     line = panel.series[0]
     assert line.x[-1] == 990.0
     assert line.mid[-1] == pytest.approx((0.5 + 0.495) / 2), "after as many frames, not as large a share"
-    (panel,) = panels_of([FLAT, long], "episodes")
+    (panel,) = panels_of([RESULT, long], "episodes")
     assert panel.series[0].x == (50.0, 100.0, 150.0, 200.0) and panel.series[0].mid == (0.75,) * 4
 
 
 def test_a_method_without_an_episode_has_a_line_without_points():
-    none = replace(FLAT, method="hdm", by_episodes=())
-    (panel,) = panels_of([FLAT, none], "episodes")
+    none = replace(RESULT, method="hdm", by_episodes=())
+    (panel,) = panels_of([RESULT, none], "episodes")
     assert [len(one.x) for one in panel.series] == [4, 0]
 
 
