@@ -13,6 +13,7 @@ from paddlectl.cli.similarity import similarity_document
 from paddlectl.registry.index.entry import publish
 from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
+from paddlectl.studies.results import Result
 from paddlectl.tasks.suite import load
 
 ROOT = Path(__file__).parents[1]
@@ -200,3 +201,9 @@ frames: 400000
 similarity: {body_weight: 0.8, head_weight: 0.2}
 guidance: {mode: default}
 """
+
+RESULT = Result(
+    scenario="A", target="BoxDoor", method="paddle", variant="", seed=0, run="run-1", code="", frames=1000,
+    episodes=200, seconds=1.0, source_frames=0, jump_start=0.0, final_score=0.0, success_rate=0.0,
+    area_under_curve=0.0, frames_to_success=None, by_frames=(0.5,) * 100, by_episodes=(0.5,) * 4,
+)  # fmt: skip

@@ -182,6 +182,20 @@ def test_completion_of_scenario_files(monkeypatch: pytest.MonkeyPatch) -> None:
     assert complete("paddlectl transfer scenarios/A") == ["scenarios/A-place.yaml", "scenarios/A.yaml"]
 
 
+def test_completion_of_what_can_be_drawn(
+    registry: Registry, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    for name in ("study.yaml", "runs.json", "runs.csv", ".hidden.json"):
+        (tmp_path / "work" / name).touch()
+    where = {"PADDLECTL_REGISTRY": registry.location}
+    assert complete("paddlectl plot ", **where) == ["run-3", "run-2", "run-1", "runs.json", "study.yaml"]
+    assert complete("paddlectl plot run", **where) == ["run-3", "run-2", "run-1", "runs.json"]
+    assert complete("paddlectl plot st", **where) == ["study.yaml"]
+    assert complete("paddlectl plot x --x e", **where) == ["episodes"]
+
+
 def test_completion_of_methods() -> None:
     assert complete("paddlectl train BoxDoor --method p") == ["ppo"]
     assert complete("paddlectl transfer A.yaml --method p")[:2] == ["paddle", "ppo"]

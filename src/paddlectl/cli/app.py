@@ -35,6 +35,7 @@ COMMANDS = {
     "sweep": "Run what is missing of a study, its sources included.",
     "resume": "Go on exactly where a stopped run was; it ends as if it had never been stopped.",
     "explain": "Tell why a transfer acted as it did: program, Ψ, weights per scene, one episode.",
+    "plot": "Draw a study's learning curves, or a run's, as SVG and PNG with the numbers as CSV.",
     "registry": "Check, mend, clean, move and upgrade the registry.",
 }
 GROUPS = {"registry"}

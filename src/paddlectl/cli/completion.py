@@ -87,6 +87,12 @@ def ended_names(registry: str | None) -> list[tuple[str, str]]:
 
 
 @_quiet
+def plotted_names(registry: str | None) -> list[tuple[str, str]]:
+    """Runs that have a whole curve."""
+    return _pairs(_soon(registry, "ended"))
+
+
+@_quiet
 def stopped_names(registry: str | None) -> list[tuple[str, str]]:
     """Those that can be resumed."""
     return _pairs(_soon(registry, "stopped"))
@@ -105,10 +111,18 @@ def _pairs(labels: "Iterable[Label]") -> list[tuple[str, str]]:
 
 
 @_quiet
+def result_files(incomplete: str) -> list[str]:
+    """Studies and files of results."""
+    return _files(incomplete, ".yaml", ".yml", ".json")
+
+
+@_quiet
 def scenario_files(incomplete: str) -> list[str]:
+    return _files(incomplete, ".yaml", ".yml")
+
+
+def _files(incomplete: str, *suffixes: str) -> list[str]:
     folder = Path(incomplete).parent if not incomplete.endswith("/") else Path(incomplete)
-    found = [
-        path for path in folder.expanduser().iterdir() if path.is_dir() or path.suffix in (".yaml", ".yml")
-    ]
+    found = [path for path in folder.expanduser().iterdir() if path.is_dir() or path.suffix in suffixes]
     shown = sorted(f"{folder / path.name}/" if path.is_dir() else str(folder / path.name) for path in found)
     return [name for name in shown if not name.startswith(".")]

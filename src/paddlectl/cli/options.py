@@ -58,6 +58,13 @@ def complete_scenarios(incomplete: str) -> list[str]:
     return [name for name in scenario_files(incomplete) if name.startswith(incomplete)]
 
 
+def complete_plotted(ctx: typer.Context, incomplete: str) -> list[str | tuple[str, str]]:
+    from paddlectl.cli.completion import plotted_names, result_files
+
+    runs = [pair for pair in plotted_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+    return [*runs, *(name for name in result_files(incomplete) if name.startswith(incomplete))]
+
+
 def one_method_of(names: Iterable[str]) -> Callable[[str], list[str]]:
     """A completion of these names, and of the methods of plug-ins, none of which is imported for it."""
 

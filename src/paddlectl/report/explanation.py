@@ -21,7 +21,7 @@ _SCENE = {"body": [str], "heads": [str], "self_similarity": float, "matches": li
 _MATCH = {"policy": str, "task": str, "similarity": float, "scenes": [[str]]}
 _WEIGHING = {"policy": str, "similarity": float, "performance": float, "weight": float}
 _WEIGHT = {"phase": str, "scene": [str], "decisions": int, "chosen": int, "reached": int, **_WEIGHING}
-_WEIGHT_MORE = {"rules": {str: int}, "dropped": bool, "cut": int}
+_WEIGHT_MORE = {"frames": int, "rules": {str: int}, "dropped": bool, "cut": int}
 _DECISION = {
     "step": int,
     "scene": [str],
@@ -59,13 +59,12 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
     """
     files = registry.files
     mapping = files.read_document(run.id, "mapping")
-    weights = files.read_rows(run.id, "weights")
+    weights = weight_rows(registry, run)
     trace = files.read_document(run.id, "trace") or {}
-    reuse = files.read_rows(run.id, "reuse")
+    reuse = reuse_rows(registry, run)
     others = [name for name in files.document_names(run.id) if name not in _OWN_TEXT]
     told = {name: files.read_document(run.id, name) for name in others}
-    _check(run.id, mapping, weights, trace)
-    _check_reuse(run, reuse)
+    _check(run.id, mapping, trace)
     for name, document in told.items():
         _demand(run.id, f"{name}.json", [document], {})
     return {
@@ -88,28 +87,40 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
     }
 
 
-def _check(run: str, mapping: Any, weights: Any, trace: Any) -> None:
+def weight_rows(registry: Registry, run: RunRecord) -> list[dict[str, Any]]:
+    """The run's table `weights`, checked; empty if it has none.
+
+    Raises:
+        IntegrityError: If it isn't what a run writes.
+    """
+    rows = registry.files.read_rows(run.id, "weights")
+    _demand(run.id, "weights.jsonl", rows, _WEIGHT, _WEIGHT_MORE)
+    return rows
+
+
+def reuse_rows(registry: Registry, run: RunRecord) -> list[dict[str, Any]]:
+    """The run's table `reuse`, likewise. Nobody is followed but the run's sources and the target."""
+    rows = registry.files.read_rows(run.id, "reuse")
+    _demand(run.id, "reuse.jsonl", rows, _REUSE)
+    known = {TARGET, *(source.removeprefix(ELSEWHERE) for source in run.sources)}
+    if not all(row["source"] in known and len(row["terms"]) <= MOST_TERMS for row in rows):
+        raise _strange(run.id, "reuse.jsonl")
+    return rows
+
+
+def _check(run: str, mapping: Any, trace: Any) -> None:
     """Stored files are checked before anything leans on their fields."""
     if mapping is not None:
         _demand(run, "mapping.json", [mapping], _MAPPING)
         _demand(run, "mapping.json", mapping["scenes"], _SCENE)
         for scene in mapping["scenes"]:
             _demand(run, "mapping.json", scene["matches"], _MATCH)
-    _demand(run, "weights.jsonl", weights, _WEIGHT, _WEIGHT_MORE)
     _demand(run, "trace.json", [trace], {})
     for phase in PHASES:
         _demand(run, "trace.json", [{"score": trace.get(f"score_{phase}", 0.0)}], {"score": float})
         _demand(run, "trace.json", trace.get(phase, []), _DECISION, _DECISION_MORE)
         for decision in trace.get(phase, []):
             _demand(run, "trace.json", decision["weights"], _WEIGHING)
-
-
-def _check_reuse(run: RunRecord, rows: Any) -> None:
-    """Nobody is followed but the run's sources and the target."""
-    _demand(run.id, "reuse.jsonl", rows, _REUSE)
-    known = {TARGET, *(source.removeprefix(ELSEWHERE) for source in run.sources)}
-    if not all(row["source"] in known and len(row["terms"]) <= MOST_TERMS for row in rows):
-        raise _strange(run.id, "reuse.jsonl")
 
 
 def _demand(

@@ -1,0 +1,109 @@
+"""`paddlectl plot`."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from paddlectl.cli.options import AsJson, RegistryPlace, at_home, complete_plotted, file_at
+from paddlectl.errors import NotFoundError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from paddlectl.studies.results import Result
+
+EXAMPLE = "Example: paddlectl plot run-42 --to figures"
+CAPTION = "interquartile mean over n seeds, and its 95 % bootstrap interval"
+BARS = 40
+
+
+def plot(
+    what: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE.yaml|FILE.json|RUN",
+            autocompletion=complete_plotted,
+            help="A study, results of one, or a run's id.",
+            show_default=False,
+        ),
+    ],
+    to: Annotated[
+        Path, typer.Option(parser=file_at, metavar="FOLDER", help="Where the figure is written.")
+    ] = Path("figures"),
+    x: Annotated[
+        Literal["frames", "episodes"], typer.Option(help="What the scores are drawn over.")
+    ] = "frames",
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Draw a study's learning curves, or a run's, as SVG and PNG with the numbers as CSV."""
+    from paddlectl.registry.store import Registry
+    from paddlectl.report.output import clean, print_json, print_text
+    from paddlectl.report.panels import panels_of
+    from paddlectl.report.plots import require_matplotlib, write_figure
+    from paddlectl.report.run_panels import run_panels
+    from paddlectl.report.sparkline import sparkline
+
+    if to.exists() and not to.is_dir():
+        raise UsageError(f"{to} is not a folder")
+    require_matplotlib()
+    told = []
+    if "." in what or "/" in what:
+        name, caption = Path(what).stem, CAPTION
+        panels = panels_of(_results(Path(at_home(what)), registry), x)
+    else:
+        opened = Registry.open(registry, create=False)
+        record = opened.run(what)
+        name, caption = record.id, ""
+        panels = run_panels(opened, record, x)
+        scores = panels[0].series[0].mid
+        told = [f"score {sparkline(scores, BARS, sys.stdout.encoding)} {scores[-1]:.2f}"]
+    name = name if x == "frames" else f"{name}-{x}"
+    files = write_figure(panels, to, name, caption)
+    if as_json:
+        print_json({"figure": name, **{kind: str(path) for kind, path in files.items()}})
+    else:
+        print_text([*told, *(clean(path) for path in files.values())])
+
+
+def _results(path: Path, registry: str) -> "Sequence[Result]":
+    """Those of a study's finished cells, or those in a file.
+
+    Raises:
+        NotFoundError: If there is no such file, or no result.
+        UsageError: If it is neither a study nor results by its name.
+    """
+    from paddlectl.registry.store import Registry
+    from paddlectl.studies.results import read_results
+
+    match path.suffix.lower():
+        case ".yaml" | ".yml":
+            from paddlectl.studies.cells import cells_of
+            from paddlectl.studies.study import load_study
+            from paddlectl.studies.sweep import results_of
+
+            cells = cells_of(load_study(path))
+            results = results_of(Registry.open(registry, create=False), cells)
+            hint = f"run: paddlectl sweep {shlex.quote(str(path))} --dry-run"
+        case ".json":
+            results, hint = read_results(_file(path)), ""
+        case _:
+            raise UsageError(
+                f"{path} is neither a study (.yaml) nor results (.json)", "run: paddlectl plot --help"
+            )
+    if not results:
+        raise NotFoundError(f"no results in {path}", hint)
+    return results
+
+
+def _file(path: Path) -> Path:
+    from paddlectl.registry.names import nearest
+
+    if path.is_file():
+        return path
+    beside = path.parent.glob("*.json") if path.parent.is_dir() else ()
+    near = nearest(path.name, [other.name for other in beside])
+    raise NotFoundError(f"no file {path}", f"{near}run: paddlectl plot --help")

@@ -1,0 +1,130 @@
+"""`plot`: what it writes, what it says of it, and what it refuses."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from paddlectl.registry.store import Registry
+from paddlectl.report.spelling import spelled
+from paddlectl.studies.cells import Cell
+from paddlectl.studies.results import Result, write_results
+from samples import RESULT, ROOT, Command
+
+EPISODES = [{"order": n, "started": 9 * n, "frames": 9 * n + 9, "score": n / 100} for n in range(100)]
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with results."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    write_results(folder / "fig4.json", [replace(RESULT, seed=seed) for seed in range(3)])
+    return folder
+
+
+def test_a_file_of_results_needs_no_registry(command: Command, here: Path) -> None:
+    answer = command("plot", "fig4.json")
+    assert (answer.code, answer.err) == (0, "")
+    assert answer.out.split() == [f"figures/fig4.{kind}" for kind in ("svg", "png", "csv")]
+    assert all((here / name).stat().st_size for name in answer.out.split())
+    answer = command("plot", here / "fig4.json", "--to", "a/b", "--x", "episodes", "--json")
+    assert answer.json == {
+        "figure": "fig4-episodes",
+        **{kind: f"a/b/fig4-episodes.{kind}" for kind in ("svg", "png", "csv")},
+    }
+    assert len((here / answer.json["csv"]).read_text().splitlines()) == 1 + 4
+
+
+def test_a_study_is_drawn_from_its_finished_cells(
+    registry: Registry, command: Command, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = ROOT / "scenarios" / "paper" / "fig6a.yaml"
+    answer = command("plot", study)
+    assert (answer.code, answer.out) == (4, "")
+    assert answer.err.splitlines() == [
+        f"error: no results in {study}",
+        f"run: paddlectl sweep {study} --dry-run",
+    ]
+
+    def results_of(opened: Registry, cells: Sequence[Cell]) -> list[Result]:
+        assert opened.location == registry.location
+        return [
+            replace(RESULT, scenario=cell.scenario.name, method=cell.method, seed=cell.seed) for cell in cells
+        ]
+
+    monkeypatch.setattr("paddlectl.studies.sweep.results_of", results_of)
+    answer = command("plot", study, "--json")
+    told = (here / answer.json["csv"]).read_text()
+    assert answer.json["figure"] == "fig6a" and "finetune" in told and "paddle" in told
+
+
+def test_a_run_is_drawn_and_shown_in_a_line(registry: Registry, command: Command, here: Path) -> None:
+    registry.files.append_rows("run-1", "episodes", EPISODES)
+    answer = command("plot", "run-1")
+    assert answer.code == 0
+    first, *files = answer.out.splitlines()
+    assert first.startswith("score ▁") and first.endswith(" 0.49") and len(first) == len("score  0.49") + 40
+    assert files == [f"figures/run-1.{kind}" for kind in ("svg", "png", "csv")]
+    assert command("plot", "run-1", "--x", "episodes", "--json").json["figure"] == "run-1-episodes"
+    assert spelled(first.replace("▁", "_"), "ascii")
+
+
+def test_without_matplotlib_it_says_what_to_install(
+    command: Command, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    answer = command("plot", "fig4.json")
+    assert (answer.code, answer.out) == (1, "")
+    assert answer.err.splitlines() == [
+        "error: figures need matplotlib, which isn't installed",
+        "run: pip install 'paddlectl[plots]'",
+    ]
+    assert not (here / "figures").exists()
+
+
+def test_a_notebooks_shell_names_a_backend_that_isnt_needed(
+    process: Callable[..., subprocess.CompletedProcess[str]],
+) -> None:
+    done = process("plot", "fig4.json", "--json", MPLBACKEND="module://matplotlib_inline.backend_inline")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["figure"] == "fig4"
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "told"),
+    [
+        ("fig5.json", 4, "no file fig5.json|did you mean fig4.json? or run: paddlectl plot --help"),
+        ("no/fig4.json", 4, "no file no/fig4.json|run: paddlectl plot --help"),
+        ("none.json", 4, "no results in none.json"),
+        ("broken.json", 3, "broken.json: not a file of results: "),
+        ("folder.json", 4, "no file folder.json"),
+        ("fig4.csv", 2, "fig4.csv is neither a study (.yaml) nor results (.json)|run: paddlectl plot --help"),
+        ("./fig4", 2, "fig4 is neither a study (.yaml) nor results (.json)"),
+        ("run-7", 4, "no run run-7|did you mean run-"),
+        ("run-1", 4, "0 episodes of run-1 have ended, too few for a curve over frames|run: paddlectl runs"),
+        ("fig4.json --x frame", 2, "Invalid value for '--x': 'frame' is not one of 'frames', 'episodes'."),
+        ("fig4.json --to none.json", 2, "none.json is not a folder"),
+        ("fig4.json --to none.json/x", 1, "Not a directory: none.json/x"),
+        ("", 2, "Missing argument"),
+    ],
+)
+def test_what_cant_be_drawn_is_told_and_nothing_is_written(
+    registry: Registry, command: Command, here: Path, line: str, code: int, told: str
+) -> None:
+    (here / "none.json").write_text("[]")
+    (here / "broken.json").write_text("[{}")
+    (here / "folder.json").mkdir()
+    before = sorted(here.iterdir())
+    answer = command("plot", *line.split())
+    assert (answer.code, answer.out) == (code, "")
+    lines = answer.err.splitlines()
+    assert len(lines) <= 2
+    for found, expected in zip(lines, f"error: {told}".split("|"), strict=False):
+        assert found.startswith(expected)
+    assert sorted(here.iterdir()) == before
