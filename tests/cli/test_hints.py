@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from entered import entered
 from paddlectl.cli.app import COMMANDS
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments import policies, processes
@@ -50,6 +51,8 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
                         assert job.task in names()
                         text = program(job.task, []) or "0.9 :: gt_key()"
                         add_source(opened, job.task, text, method=job.method, seed=job.seed)
+                    case TransferJob(sources=()):
+                        entered(opened, job)
                     case TransferJob():
                         add_transfer(opened)
                     case ResumeJob():
@@ -157,6 +160,12 @@ def no_manifest(registry: Registry) -> None:
     (registry.folder / "manifests" / "run-3.json").unlink()
 
 
+def study(_: Registry) -> None:
+    Path("study.yaml").write_text(
+        f"name: s\nscenarios: [{ROOT}/scenarios/A.yaml]\nmethods: [hdm]\nseeds: 0\n"
+    )
+
+
 PROVOKED: list[tuple[Callable[[Registry], object], str]] = [
     (nothing, "trian"),
     (lost_row, "registry repair"),
@@ -210,6 +219,7 @@ PROVOKED: list[tuple[Callable[[Registry], object], str]] = [
     (nothing, "plot fig4.csv"),
     (lambda _: Path("fig4.json").write_text("[]"), "plot fig5.json"),
     (nothing, "plot scenarios/paper/fig6a.yaml"),
+    (study, "sweep study.yaml --dry-run"),
     (nothing, "resume"),
     (nothing, "resume run-1"),
     (nothing, "resume run-3"),
@@ -314,6 +324,7 @@ def test_the_command_in_a_hint_works_and_no_hint_is_left_out(
 ) -> None:
     told = [tried(made, line) for made, line in PROVOKED]
     told.append(tried(lambda r: (stopped(r), stop_once(monkeypatch)), "train BoxDoor"))
+    told.append(tried(lambda r: (study(r), stop_once(monkeypatch)), "sweep study.yaml"))
     with monkeypatch.context() as patched:
         patched.setattr("paddlectl.report.explained.SHORTEST", 1)
         told.append(tried(nothing, "explain run-3"))

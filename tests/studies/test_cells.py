@@ -1,23 +1,20 @@
 """Which runs of a registry are a study's cells, and what is to be run for it."""
 
 import dataclasses
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from paddlectl.experiments.jobs import Job, RandomJob, ResumeJob, TrainJob, TransferJob
-from paddlectl.experiments.runner import budget_of, settings_of
-from paddlectl.methods.base import method_of
+from entered import entered
+from paddlectl.experiments.jobs import RandomJob, ResumeJob, TrainJob, TransferJob
 from paddlectl.registry.store import Registry
 from paddlectl.studies.cells import Cell, cells_of
 from paddlectl.studies.study import load_study
 from paddlectl.studies.sweep import Plan, plan
-from paddlectl.tasks.suite import load
 from paddlectl.transfer.guidance import GuidanceSettings
-from samples import ROOT, add_policy
+from samples import ROOT
 
 SCENARIOS = ", ".join(str(ROOT / "scenarios" / f"{name}.yaml") for name in ("A", "C"))
 
@@ -31,53 +28,6 @@ def cells(folder: Path, text: str) -> list[Cell]:
 @pytest.fixture
 def registry(tmp_path: Path) -> Registry:
     return Registry.open(tmp_path / "registry")
-
-
-def entered(registry: Registry, job: Job, status: str = "finished", text: str | None = None) -> str:
-    """A run as the runner enters it for a job, and how it ended."""
-    kind, method, task, sources, settings = told(job)
-    run = registry.add_run(
-        kind=kind,
-        method=method,
-        task=task,
-        scenario="A" if kind == "transfer" else None,
-        sources=sources,
-        seed=job.seed,
-        settings=json.loads(json.dumps(settings)),
-        versions={},
-    ).id
-    if status == "finished":
-        add_policy(registry, run, task, text, method=method, seed=job.seed)
-    if status != "running":
-        registry.finish_run(run, status=status, frames=9, episodes=1, seconds=1.0, results={})
-    return run
-
-
-def told(job: Job) -> tuple[str, str, str, tuple[str, ...], Mapping[str, Any]]:
-    match job:
-        case TransferJob():
-            method, task = method_of(job.method), load(job.scenario.target)
-            rules = job.rules or method.rules_for(task)
-            settings = {
-                "frames": job.frames,
-                "scenario": job.scenario.model_dump(mode="json"),
-                "learning": dataclasses.asdict(method.settings_for(task, job.scenario, job.changes)),
-                "rules": rules and dataclasses.asdict(rules),
-            }
-            return "transfer", job.method, task.name, job.sources, settings
-        case TrainJob():
-            learning = {"learning": dataclasses.asdict(settings_of(job)), "frames": budget_of(job)}
-            return "train", job.method, job.task, (), learning
-        case RandomJob():
-            drawn = TrainJob(job.task, job.seed)
-            return (
-                "train",
-                "random",
-                job.task,
-                (),
-                {"learning": dataclasses.asdict(settings_of(drawn)), "frames": 0},
-            )
-    raise AssertionError(job)
 
 
 def names(found: Plan, *tried: str) -> list[str]:

@@ -60,7 +60,7 @@ class Study(Closed):
     A transfer reuses sources of its own seed, learned by the usual numbers of the method that teaches.
 
     Attributes:
-        figure: What `paddlectl plot` draws: learning `curves`, or each candidate's `weights` in each scene.
+        figure: What is drawn: learning `curves`, or each candidate's `weights` in each scene.
         scenarios: Their files, from where the study's file is.
         frames: Environment steps of each transfer; None is as many as its scenario says.
         source_frames: Of each source; None is the usual budget.

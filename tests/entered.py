@@ -1,0 +1,60 @@
+"""Runs of jobs as the runner enters them, without their being done."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from paddlectl.experiments.jobs import Job, RandomJob, TrainJob, TransferJob
+from paddlectl.experiments.runner import budget_of, settings_of
+from paddlectl.methods.base import method_of
+from paddlectl.registry.store import Registry
+from paddlectl.tasks.suite import load
+from samples import add_policy
+
+
+def entered(registry: Registry, job: Job, status: str = "finished", text: str | None = None) -> str:
+    """A run as the runner enters it for a job, and how it ended."""
+    kind, method, task, sources, settings = told(job)
+    run = registry.add_run(
+        kind=kind,
+        method=method,
+        task=task,
+        scenario="A" if kind == "transfer" else None,
+        sources=sources,
+        seed=job.seed,
+        settings=json.loads(json.dumps(settings)),
+        versions={},
+    ).id
+    if status == "finished":
+        add_policy(registry, run, task, text, method=method, seed=job.seed)
+    if status != "running":
+        registry.finish_run(run, status=status, frames=9, episodes=1, seconds=1.0, results={})
+    return run
+
+
+def told(job: Job) -> tuple[str, str, str, tuple[str, ...], Mapping[str, Any]]:
+    match job:
+        case TransferJob():
+            method, task = method_of(job.method), load(job.scenario.target)
+            rules = job.rules or method.rules_for(task)
+            settings = {
+                "frames": job.frames,
+                "scenario": job.scenario.model_dump(mode="json"),
+                "learning": dataclasses.asdict(method.settings_for(task, job.scenario, job.changes)),
+                "rules": rules and dataclasses.asdict(rules),
+            }
+            return "transfer", job.method, task.name, job.sources, settings
+        case TrainJob():
+            learning = {"learning": dataclasses.asdict(settings_of(job)), "frames": budget_of(job)}
+            return "train", job.method, job.task, (), learning
+        case RandomJob():
+            drawn = TrainJob(job.task, job.seed)
+            return (
+                "train",
+                "random",
+                job.task,
+                (),
+                {"learning": dataclasses.asdict(settings_of(drawn)), "frames": 0},
+            )
+    raise AssertionError(job)
