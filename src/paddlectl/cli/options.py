@@ -177,6 +177,16 @@ OneSeed = Annotated[
         "--seed", parser=whole_number(0, SEEDS - 1), metavar="N", help="One seed.", show_default=False
     ),
 ]
+StudyFrames = Annotated[
+    int | None,
+    typer.Option(
+        "--frames",
+        parser=FRAMES,
+        metavar="N",
+        help="Environment steps of each transfer, instead of the study's.",
+        show_default=False,
+    ),
+]
 ManySeeds = Annotated[
     str | None,
     typer.Option(

@@ -7,13 +7,21 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from paddlectl.cli.options import AsJson, RegistryPlace, at_home, complete_plotted, file_at
+from paddlectl.cli.options import (
+    AsJson,
+    ManySeeds,
+    RegistryPlace,
+    StudyFrames,
+    at_home,
+    chosen_seeds,
+    complete_plotted,
+    file_at,
+)
 from paddlectl.errors import NotFoundError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from paddlectl.studies.results import Result
+    from paddlectl.registry.records import RunRecord
+    from paddlectl.report.panels import Panel
 
 EXAMPLE = "Example: paddlectl plot run-42 --to figures"
 CAPTION = "interquartile mean over n seeds, and its 95 % bootstrap interval"
@@ -36,13 +44,14 @@ def plot(
     x: Annotated[
         Literal["frames", "episodes"], typer.Option(help="What the scores are drawn over.")
     ] = "frames",
+    seeds: ManySeeds = None,
+    frames: StudyFrames = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
-    """Draw a study's learning curves, or a run's, as SVG and PNG with the numbers as CSV."""
+    """Draw a study's figure, or a run's curve, as SVG and PNG with the numbers as CSV."""
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import clean, print_json, print_text
-    from paddlectl.report.panels import panels_of
     from paddlectl.report.plots import require_matplotlib, write_figure
     from paddlectl.report.run_panels import run_panels
     from paddlectl.report.sparkline import sparkline
@@ -53,7 +62,7 @@ def plot(
     told = []
     if "." in what or "/" in what:
         name, caption = Path(what).stem, CAPTION
-        panels = panels_of(_results(Path(at_home(what)), registry), x)
+        panels = _panels(Path(at_home(what)), registry, x, seeds, frames)
     else:
         opened = Registry.open(registry, create=False)
         record = opened.run(what)
@@ -69,34 +78,52 @@ def plot(
         print_text([*told, *(clean(path) for path in files.values())])
 
 
-def _results(path: Path, registry: str) -> "Sequence[Result]":
-    """Those of a study's finished cells, or those in a file.
+def _panels(path: Path, registry: str, x: str, seeds: str | None, frames: int | None) -> "list[Panel]":
+    """Those of a study's finished cells, or of the results in a file.
 
     Raises:
         NotFoundError: If there is no such file, or no result.
-        UsageError: If it is neither a study nor results by its name.
+        UsageError: If it is neither a study nor results by its name, or its cells can't be chosen.
     """
-    from paddlectl.registry.store import Registry
+    from paddlectl.report.panels import panels_of
     from paddlectl.studies.results import read_results
 
     match path.suffix.lower():
         case ".yaml" | ".yml":
-            from paddlectl.studies.cells import cells_of
-            from paddlectl.studies.study import load_study
-            from paddlectl.studies.sweep import results_of
-
-            cells = cells_of(load_study(path))
-            results = results_of(Registry.open(registry, create=False), cells)
-            hint = f"run: paddlectl sweep {shlex.quote(str(path))} --dry-run"
+            return _panels_of_study(path, registry, x, seeds, frames)
+        case ".json" if seeds is None and frames is None:
+            if results := read_results(_file(path)):
+                return panels_of(results, x)
+            raise NotFoundError(f"no results in {path}")
         case ".json":
-            results, hint = read_results(_file(path)), ""
-        case _:
-            raise UsageError(
-                f"{path} is neither a study (.yaml) nor results (.json)", "run: paddlectl plot --help"
-            )
-    if not results:
-        raise NotFoundError(f"no results in {path}", hint)
-    return results
+            raise UsageError("--seeds and --frames choose cells of a study (.yaml)", "leave them out")
+    raise UsageError(f"{path} is neither a study (.yaml) nor results (.json)", "run: paddlectl plot --help")
+
+
+def _panels_of_study(
+    path: Path, registry: str, x: str, seeds: str | None, frames: int | None
+) -> "list[Panel]":
+    from paddlectl.registry.store import Registry
+    from paddlectl.report.panels import panels_of
+    from paddlectl.report.weight_panels import weight_panels
+    from paddlectl.studies.cells import cells_of
+    from paddlectl.studies.study import load_study
+    from paddlectl.studies.sweep import finished, results_of
+
+    loaded = load_study(path)
+    cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
+    opened = Registry.open(registry, create=False)
+    runs = finished(opened, cells)
+    if not runs:
+        raise NotFoundError(
+            f"no results of {path}", f"run: paddlectl sweep {shlex.quote(str(path))} --dry-run"
+        )
+    if loaded.study.figure == "curves":
+        return panels_of(results_of(opened, runs), x)
+    of_scenarios: dict[str, list[RunRecord]] = {}
+    for cell, run in runs:
+        of_scenarios.setdefault(cell.panel, []).append(run)
+    return weight_panels(opened, of_scenarios)
 
 
 def _file(path: Path) -> Path:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from paddlectl.cli.options import (
-    FRAMES,
     AsJson,
     CheckpointEvery,
     Jobs,
     ManySeeds,
     RegistryPlace,
+    StudyFrames,
     chosen_seeds,
     complete_scenarios,
     file_at,
@@ -46,15 +46,7 @@ def sweep(
         ),
     ],
     seeds: ManySeeds = None,
-    frames: Annotated[
-        int | None,
-        typer.Option(
-            parser=FRAMES,
-            metavar="N",
-            help="Environment steps of each transfer, instead of the study's.",
-            show_default=False,
-        ),
-    ] = None,
+    frames: StudyFrames = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what is missing and about how long it takes; run nothing.")
     ] = False,
@@ -85,7 +77,7 @@ def sweep(
         from paddlectl.studies.cells import cells_of
         from paddlectl.studies.results import write_results
         from paddlectl.studies.study import load_study
-        from paddlectl.studies.sweep import plan, results_of
+        from paddlectl.studies.sweep import finished, plan, results_of
 
         loaded = load_study(file)
         cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
@@ -93,7 +85,7 @@ def sweep(
             failed = {} if dry_run else _run_missing(opened, cells, file, fail_fast, jobs, checkpoint_every)
             now = plan(opened, cells)
             if results is not None:
-                write_results(results, results_of(opened, cells))
+                write_results(results, results_of(opened, finished(opened, cells)))
         left = _estimate(now, registry, jobs) if dry_run else ""
     if as_json:
         print_json(document(loaded.study.name, now, failed))

@@ -118,9 +118,13 @@ def _series(
     results: Sequence[Result],
     aligned: Callable[[Sequence[Result]], tuple[Floats, Floats]],
 ) -> Series:
-    x, curves = aligned(results)
+    return mean_line(label, *aligned(results))
+
+
+def mean_line(label: str, x: Floats, curves: Floats) -> Series:
+    """The interquartile mean of curves with its interval. [points], [seeds, points]"""
     mid, low, high = (_rounded(values) for values in band(curves, np.random.default_rng(0)))
-    return Series(label, _rounded(x), mid, low, high, len(results))
+    return Series(label, _rounded(x), mid, low, high, len(curves))
 
 
 def _over_frames(results: Sequence[Result]) -> tuple[Floats, Floats]:

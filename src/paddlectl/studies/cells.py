@@ -68,6 +68,11 @@ class Cell:
     changes: Mapping[str, Any]
 
     @property
+    def panel(self) -> str:
+        """`A`, or `A, no floor`: where it is shown in a figure of one method."""
+        return f"{self.scenario.name}, {self.variant}" if self.variant else self.scenario.name
+
+    @property
     def name(self) -> str:
         """`A paddle seed 3`."""
         variant = f" {self.variant}" if self.variant else ""

@@ -106,13 +106,15 @@ def plan(registry: Registry, cells: Sequence[Cell]) -> Plan:
     return Plan([(cell, known[cell.identity]) for cell in cells], sources)
 
 
-def results_of(registry: Registry, cells: Sequence[Cell]) -> list[Result]:
-    """The results of the cells that are finished, in their order."""
-    return [
-        result_of(registry, found.run, cell.scenario.name, cell.variant)
-        for cell, found in plan(registry, cells).cells
-        if found.run and found.state == "finished"
-    ]
+def finished(registry: Registry, cells: Sequence[Cell]) -> list[tuple[Cell, RunRecord]]:
+    """The cells that are finished, and their runs."""
+    found = plan(registry, cells).cells
+    return [(cell, each.run) for cell, each in found if each.run and each.state == "finished"]
+
+
+def results_of(registry: Registry, runs: Iterable[tuple[Cell, RunRecord]]) -> list[Result]:
+    """The results of finished cells."""
+    return [result_of(registry, run, cell.scenario.name, cell.variant) for cell, run in runs]
 
 
 def _of_source(source: Source, found: Found) -> Step | None:
