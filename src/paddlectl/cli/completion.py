@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from paddlectl.registry.records import Label
-    from paddlectl.registry.store import Which
+    from paddlectl.registry.store import Registry, Which
 
 T = TypeVar("T")
 PATIENCE = 1.0  # seconds for a registry whose server, disk or writer keeps one waiting
@@ -34,18 +34,22 @@ def task_names() -> list[str]:
 
 
 def _soon(registry: str | None, which: "Which") -> "list[Label]":
-    """The registry's labels.
+    return _answer(registry, lambda opened: opened.labels(which))
+
+
+def _answer(registry: str | None, asked: "Callable[[Registry], T]") -> T:
+    """What the registry says.
 
     Raises:
         IndexError: If there is trouble, or no answer soon.
     """
     from paddlectl.registry.store import Registry
 
-    found: list[list[Label]] = []
+    found: list[T] = []
 
     def ask() -> None:
         with suppress(Exception):
-            found.append(Registry.open(registry or "registry", create=False).labels(which))
+            found.append(asked(Registry.open(registry or "registry", create=False)))
 
     thread = Thread(target=ask, daemon=True)
     thread.start()
@@ -105,10 +109,31 @@ def _pairs(labels: "Iterable[Label]") -> list[tuple[str, str]]:
 
 
 @_quiet
+def compared_names(registry: str | None) -> list[str]:
+    """Scenarios that have finished transfers."""
+    return _answer(registry, lambda opened: opened.scenarios())
+
+
+@_quiet
+def figure_names() -> list[str]:
+    from paddlectl.studies.grouped import FIGURES
+
+    return list(FIGURES)
+
+
+@_quiet
+def result_files(incomplete: str) -> list[str]:
+    """Studies and files of results."""
+    return _files(incomplete, ".yaml", ".yml", ".json")
+
+
+@_quiet
 def scenario_files(incomplete: str) -> list[str]:
+    return _files(incomplete, ".yaml", ".yml")
+
+
+def _files(incomplete: str, *suffixes: str) -> list[str]:
     folder = Path(incomplete).parent if not incomplete.endswith("/") else Path(incomplete)
-    found = [
-        path for path in folder.expanduser().iterdir() if path.is_dir() or path.suffix in (".yaml", ".yml")
-    ]
+    found = [path for path in folder.expanduser().iterdir() if path.is_dir() or path.suffix in suffixes]
     shown = sorted(f"{folder / path.name}/" if path.is_dir() else str(folder / path.name) for path in found)
     return [name for name in shown if not name.startswith(".")]

@@ -12,7 +12,8 @@ _KEY = re.compile(r"((?:password|passwd|pwd)=)[^\s&\"']+", re.IGNORECASE)
 
 
 _COMMAND = re.compile(
-    r"paddlectl (?:evaluate|explain|policies|registry|resume|runs|show|similarity|sweep|train|transfer)\b"
+    r"paddlectl (?:compare|evaluate|explain|policies|registry|resume|runs|show"
+    r"|similarity|sweep|train|transfer)\b"
     r"(?: [^\s,;()]+(?:,[^\s,;()]+)*)*"
 )
 
