@@ -142,6 +142,9 @@ def with_sources(sources: str) -> None:
     Path("x.yaml").write_text(SCENARIO.replace("[BlockedDoor, GapBall]", sources))
 
 
+STUDY = f"{{name: x, scenarios: [{ROOT}/scenarios/A.yaml], methods: [hdm], seeds: [0]}}"
+
+
 def damaged_program(registry: Registry) -> None:
     add_source(registry, "DoorBall", "0.9 :: gt_key( :-")
 
@@ -192,6 +195,11 @@ PROVOKED: list[tuple[Callable[[Registry], object], str]] = [
     (only("BoxDoor"), "similarity --target BoxDoor"),
     (only("BlockedDoor"), "similarity --target BlockedDoor"),
     (only("BlockedDoor"), "explain"),
+    (nothing, "compare --method ptf"),
+    (only("BlockedDoor"), "compare"),
+    (nothing, "compare nothing.json"),
+    (lambda _: Path("x.json").write_text("[]"), "compare x.json"),
+    (lambda _: Path("x.yaml").write_text(STUDY), "compare x.yaml"),
     (gone, "runs"),
     (gone, "registry check"),
     (nothing, f"transfer {SCENARIO_B} --seed 0"),
@@ -306,6 +314,8 @@ def tried(
 
 
 def followed(command: Command, way: list[str]) -> str:
+    if way[0] == "sweep":
+        way = [*way, "--dry-run"]  # what is made by hand is no cell of a study
     answer = command(*way)
     faults = way[:2] == ["registry", "check"] and "faults" in answer.out
     assert answer.code == 0 or (answer.code == 5 and faults), (way, answer)

@@ -61,7 +61,7 @@ def test_help_of_a_command_loads_nothing_heavy_and_ends_with_an_example(name: st
     "line",
     [
         *("runs", "policies", "show GapBall", f"similarity --target {TARGET}", "explain", "tasks --json"),
-        "resume --all",
+        *("resume --all", "compare"),
     ],
 )
 def test_reading_loads_no_torch(registry: Registry, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,6 +132,8 @@ def test_completion_of_commands_tasks_policies_runs(registry: Registry) -> None:
         "policy-1",
     ]
     assert complete("paddlectl explain ", **where) == ["latest", "run-3"]
+    assert complete("paddlectl compare --scenario ", **where) == ["A"]
+    assert complete("paddlectl compare --figure f") == ["final_score", "frames_to_success"]
     assert complete(f"paddlectl show --registry {registry.location} policy-1") == ["policy-1"]
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from paddlectl.registry.records import Label
-    from paddlectl.registry.store import Which
+    from paddlectl.registry.store import Registry, Which
 
 T = TypeVar("T")
 PATIENCE = 1.0  # seconds for a registry whose server, disk or writer keeps one waiting
@@ -34,18 +34,22 @@ def task_names() -> list[str]:
 
 
 def _soon(registry: str | None, which: "Which") -> "list[Label]":
-    """The registry's labels.
+    return _answer(registry, lambda opened: opened.labels(which))
+
+
+def _answer(registry: str | None, asked: "Callable[[Registry], T]") -> T:
+    """What the registry says.
 
     Raises:
         IndexError: If there is trouble, or no answer soon.
     """
     from paddlectl.registry.store import Registry
 
-    found: list[list[Label]] = []
+    found: list[T] = []
 
     def ask() -> None:
         with suppress(Exception):
-            found.append(Registry.open(registry or "registry", create=False).labels(which))
+            found.append(asked(Registry.open(registry or "registry", create=False)))
 
     thread = Thread(target=ask, daemon=True)
     thread.start()
@@ -108,6 +112,19 @@ def _best(labels: "Iterable[Label]") -> list[tuple[str, str]]:
 
 def _pairs(labels: "Iterable[Label]") -> list[tuple[str, str]]:
     return [(label.id, f"{label.method} on {label.task}") for label in labels]
+
+
+@_quiet
+def compared_names(registry: str | None) -> list[str]:
+    """Scenarios that have finished transfers."""
+    return _answer(registry, lambda opened: opened.scenarios())
+
+
+@_quiet
+def figure_names() -> list[str]:
+    from paddlectl.studies.grouped import FIGURES
+
+    return list(FIGURES)
 
 
 @_quiet

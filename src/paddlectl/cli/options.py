@@ -52,6 +52,24 @@ def complete_stopped(ctx: typer.Context, incomplete: str) -> list[tuple[str, str
     return [pair for pair in stopped_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
 
 
+def complete_compared(ctx: typer.Context, incomplete: str) -> list[str]:
+    from paddlectl.cli.completion import compared_names
+
+    return [name for name in compared_names(ctx.params.get("registry")) if name.startswith(incomplete)]
+
+
+def complete_figures(incomplete: str) -> list[str]:
+    from paddlectl.cli.completion import figure_names
+
+    return [name for name in figure_names() if name.startswith(incomplete)]
+
+
+def complete_results(incomplete: str) -> list[str]:
+    from paddlectl.cli.completion import result_files
+
+    return [name for name in result_files(incomplete) if name.startswith(incomplete)]
+
+
 def complete_scenarios(incomplete: str) -> list[str]:
     from paddlectl.cli.completion import scenario_files
 

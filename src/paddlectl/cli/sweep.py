@@ -1,5 +1,6 @@
 """`paddlectl sweep`."""
 
+import shlex
 import sys
 import time
 from pathlib import Path
@@ -81,8 +82,9 @@ def sweep(
 
         loaded = load_study(file)
         cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
+        line = _line(file, seeds, frames)
         with Registry.open(registry) as opened:
-            failed = {} if dry_run else _run_missing(opened, cells, file, fail_fast, jobs, checkpoint_every)
+            failed = {} if dry_run else _run_missing(opened, cells, line, fail_fast, jobs, checkpoint_every)
             now = plan(opened, cells)
             if results is not None:
                 write_results(results, results_of(opened, finished(opened, cells)))
@@ -90,7 +92,7 @@ def sweep(
     if as_json:
         print_json(document(loaded.study.name, now, failed))
     else:
-        print_text([f"{loaded.study.name}: {_counts(now)}", *filter(None, [left, _next(file, now, dry_run)])])
+        print_text([f"{loaded.study.name}: {_counts(now)}", *filter(None, [left, _next(line, now, dry_run)])])
     require_none(failed)
 
 
@@ -116,7 +118,7 @@ def document(study: str, now: "Plan", failed: "Mapping[str, Failure]") -> dict[s
 def _run_missing(
     registry: "Registry",
     cells: "Sequence[Cell]",
-    file: Path,
+    line: str,
     fail_fast: bool,
     jobs: int | None,
     checkpoint_every: float | None,
@@ -142,7 +144,7 @@ def _run_missing(
                 if (fail_fast and failed) or not (steps or now.elsewhere):
                     break
     except KeyboardInterrupt:
-        print(here(f"go on with: paddlectl sweep {file}"), file=sys.stderr)
+        print(here(f"go on with: paddlectl sweep {line}"), file=sys.stderr)
         raise
     lacking = {} if fail_fast and failed else now.lacking(tried, failed)
     return failed | {name: Failure(None, PaddlectlError(why)) for name, why in lacking.items()}
@@ -166,8 +168,13 @@ def _counts(now: "Plan") -> str:
     return f"{len(now.cells)} cells: {told}"
 
 
-def _next(file: Path, now: "Plan", dry_run: bool) -> str:
-    whole = now.count("finished") == len(now.cells)
+def _next(line: str, now: "Plan", dry_run: bool) -> str:
     if dry_run:
-        return "" if whole else here(f"run it: paddlectl sweep {file}")
-    return here(f"next: paddlectl compare {file}") if now.count("finished") else ""
+        return here(f"run it: paddlectl sweep {line}") if now.left() else ""
+    return here(f"next: paddlectl compare {line}") if now.count("finished") else ""
+
+
+def _line(file: Path, seeds: str | None, frames: int | None) -> str:
+    """The study as it was asked for."""
+    options = {"--seeds": seeds, "--frames": frames}
+    return shlex.join([str(file), *(str(x) for each in options.items() if each[1] is not None for x in each)])

@@ -7,11 +7,12 @@ of them that hasn't ended yet.
 """
 
 from collections.abc import Iterable, Sequence
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from paddlectl.agents.base import Episode
+if TYPE_CHECKING:
+    from paddlectl.agents.base import Episode
 
 WINDOW = 100
 """Episodes that a figure is over."""
@@ -85,7 +86,7 @@ class Curve:
         """Episodes in the order in which they started, up to the first that hasn't ended."""
         return self._order.known
 
-    def add(self, episodes: Sequence[Episode]) -> None:
+    def add(self, episodes: "Sequence[Episode]") -> None:
         """Takes in episodes that ended."""
         self.ended += len(episodes)
         known = self._order.add(Known(episode.order, episode.score) for episode in episodes)

@@ -9,16 +9,18 @@ from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import distributions, version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from paddlectl import plugins
-from paddlectl.agents.base import Episode
-from paddlectl.agents.interaction import Round
 from paddlectl.errors import IntegrityError
 from paddlectl.experiments.curves import Curve
-from paddlectl.experiments.jobs import Progress
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
+
+if TYPE_CHECKING:
+    from paddlectl.agents.base import Episode
+    from paddlectl.agents.interaction import Round
+    from paddlectl.experiments.jobs import Progress
 
 
 class Row(NamedTuple):
@@ -49,12 +51,12 @@ class RunLog:
         self._began = time.monotonic()
         self._before = run if run.resumes else None
 
-    def add(self, round_: Round) -> None:
+    def add(self, round_: "Round") -> None:
         """Takes in a round."""
         self.frames = round_.frames
         self.curve.add(round_.episodes)
 
-    def write(self, round_: Round) -> None:
+    def write(self, round_: "Round") -> None:
         """Appends the round that was just taken in to the run's tables."""
         row = {**self.counts(), **self.curve.rates(), **round_.figures}
         self._registry.files.append_rows(self.run, "episodes", map(_episode_row, round_.episodes))
@@ -78,19 +80,24 @@ class RunLog:
         seconds = round(time.monotonic() - self._began, 3)
         return {"frames": self.frames, "episodes": self.curve.ended, "seconds": seconds}
 
-    def progress(self, total: int, note: str = "") -> Progress:
+    def progress(self, total: int, note: str = "") -> "Progress":
         """How far the run is, of `total` frames."""
+        from paddlectl.experiments.jobs import Progress
+
         return Progress(self.run, self.frames, total, self.curve.ended, **self.curve.rates(), note=note)
 
 
-def ended_episodes(registry: Registry, run: str) -> Iterator[Row]:
+def ended_episodes(registry: Registry, run: str, *, whole: bool = False) -> Iterator[Row]:
     """All episodes of a run so far in the order in which they ended.
+
+    `whole` is for a run that has ended: its file is read at once, and must be what it was then.
 
     Raises:
         IntegrityError: If they aren't what was written.
     """
     try:
-        for row in registry.files.each_row(run, "episodes"):
+        files = registry.files
+        for row in files.read_rows(run, "episodes") if whole else files.each_row(run, "episodes"):
             yield Row(int(row["order"]), int(row["started"]), int(row["frames"]), float(row["score"]))
     except (KeyError, TypeError, ValueError) as error:
         raise IntegrityError(
@@ -146,7 +153,7 @@ def _commit() -> str:
     return f"+g{told.stdout.strip()}"
 
 
-def _episode_row(episode: Episode) -> dict[str, Any]:
+def _episode_row(episode: "Episode") -> dict[str, Any]:
     return {
         "order": episode.order,
         "started": episode.started,

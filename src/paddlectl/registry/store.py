@@ -194,6 +194,13 @@ class Registry:
             found = run_records(connection.execute(transfers.order_by(runs.c.id.desc()).limit(1)))
             return found[0] if found else None
 
+    def scenarios(self) -> list[str]:
+        """The scenarios that have finished transfers, by name."""
+        c = runs.c
+        names = select(c.scenario).distinct().where(c.scenario.is_not(None), c.status == "finished")
+        with self.index.reading() as connection:
+            return [str(name) for name in connection.scalars(names.order_by(c.scenario))]
+
     def seconds_per_frame(self, kind: str, method: str, task: str) -> float | None:
         """How long the latest finished runs of that sort took, by the median; None if there are none."""
         alike = [runs.c.kind == kind, runs.c.method == method, runs.c.task == task]

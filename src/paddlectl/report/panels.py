@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paddlectl.experiments.curves import MOMENTS
+from paddlectl.statistics import Sample, interquartile_mean, interval
 from paddlectl.studies.results import EPISODES, Result
 
 Floats = NDArray[np.float64]
@@ -77,17 +78,14 @@ def band(curves: Floats, rng: np.random.Generator) -> tuple[Floats, Floats, Floa
     Returns:
         Mean, lower and upper end. [points] each
     """
-    picks = rng.integers(len(curves), size=(RESAMPLES, len(curves)))
-    low, high = np.quantile(_interquartile_mean(curves[picks]), (0.025, 0.975), axis=0)
-    return _interquartile_mean(curves), low, high
 
+    def mean(seeds: Sample) -> Floats:
+        return interquartile_mean([np.moveaxis(curves[seeds[0].astype(np.intp)], -2, -1)])
 
-def _interquartile_mean(curves: Floats) -> Floats:
-    """Over the last axis but one."""
-    seeds = curves.shape[-2]
-    ordered = np.sort(curves, axis=-2)
-    mean: Floats = ordered[..., seeds // 4 : seeds - seeds // 4, :].mean(-2)
-    return mean
+    every = np.arange(float(len(curves)))
+    if len(curves) == 1:
+        return curves[0], curves[0], curves[0]
+    return mean([every]), *interval(mean, [every], generator=rng, resamples=RESAMPLES)
 
 
 def panels_of(results: Iterable[Result], axis: str) -> list[Panel]:

@@ -5,11 +5,12 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin, get_type_hints
 
 from paddlectl.errors import InvalidFileError
 from paddlectl.experiments.curves import LearningCurve
 from paddlectl.experiments.log import ended_episodes
+from paddlectl.registry.names import ELSEWHERE, shortened
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 
@@ -18,6 +19,8 @@ SUCCESS = 0.9
 EPISODES = 50
 """Between two points of a curve over episodes."""
 DIGITS = 4
+MOST = 2**63
+"""Numbers in a file of results are smaller."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,8 @@ class Result:
         variant: What was changed against the scenario; empty if nothing was.
         run: `run-42`.
         code: The version of paddlectl that ran it, with its commit if it was a checkout.
-        source_frames: Environment steps that its sources were trained with; they count for no method.
+        source_frames: Environment steps that its sources were trained with; they count for no method. None if
+            one of them is in another registry.
         jump_start: As `LearningCurve.figures` has it, as are the next three.
         frames_to_success: Until nine of ten among 100 episodes were solved; None if they never were.
         by_frames: Mean score of the latest 100 episodes, at 100 moments evenly spread from frame 0. [100]
@@ -45,7 +49,7 @@ class Result:
     frames: int
     episodes: int
     seconds: float
-    source_frames: int
+    source_frames: int | None
     jump_start: float
     final_score: float
     success_rate: float
@@ -57,8 +61,7 @@ class Result:
 
 def result_of(registry: Registry, record: RunRecord, scenario: str = "", variant: str = "") -> Result:
     """The figures of a finished run; of the scenario that it ran, unless another shares it."""
-    curve = LearningCurve(ended_episodes(registry, record.id), record.frames)
-    sources = (registry.policy(policy) for policy in record.sources)
+    curve = LearningCurve(ended_episodes(registry, record.id, whole=True), record.frames)
     return Result(
         scenario=scenario or record.scenario or record.task,
         target=record.task,
@@ -70,12 +73,18 @@ def result_of(registry: Registry, record: RunRecord, scenario: str = "", variant
         frames=record.frames,
         episodes=record.episodes,
         seconds=record.seconds,
-        source_frames=sum(source.frames for source in sources),
+        source_frames=_source_frames(registry, record),
         **curve.figures(),
         frames_to_success=curve.frames_to(SUCCESS),
         by_frames=tuple(round(score, DIGITS) for score in curve.by_frames()),
         by_episodes=tuple(round(score, DIGITS) for score in curve.by_episodes(EPISODES)),
     )
+
+
+def _source_frames(registry: Registry, record: RunRecord) -> int | None:
+    if any(source.startswith(ELSEWHERE) for source in record.sources):
+        return None
+    return sum(registry.policy(source).frames for source in record.sources)
 
 
 def write_results(path: Path, results: Iterable[Result]) -> None:
@@ -92,10 +101,27 @@ def read_results(path: Path) -> list[Result]:
     """
     try:
         return [_result(row) for row in json.loads(path.read_text(encoding="utf-8"))]
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InvalidFileError(f"{path}: not a file of results: {error}") from error
 
 
 def _result(row: dict[str, Any]) -> Result:
+    if wrong := sorted(row.keys() ^ _FIELDS):
+        raise ValueError(f"a row lacks or adds {', '.join(wrong)}")
+    for name, value in row.items():
+        if not _fits(_FIELDS[name], value):
+            raise ValueError(f"{name} can't be {shortened(repr(value))}")
     curves = {name: tuple(map(float, row[name])) for name in ("by_frames", "by_episodes")}
     return Result(**row | curves)
+
+
+def _fits(kind: Any, value: Any) -> bool:
+    """Whether the value, as JSON has it, is one of the field's kind."""
+    if get_origin(kind) is tuple:
+        return isinstance(value, list) and all(_fits(float, number) for number in value)
+    if isinstance(value, int | float) and not (abs(value) < MOST and not isinstance(value, bool)):
+        return False  # also what is infinite or no number
+    return isinstance(value, int | float if kind is float else kind)
+
+
+_FIELDS = get_type_hints(Result)

@@ -1,0 +1,145 @@
+"""What a comparison allows to say, in words; and what limits it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from paddlectl.statistics import COVERAGE
+from paddlectl.studies.grouped import SCORES, Grouped
+from paddlectl.whole import ranges
+
+FEW = 5
+"""Seeds below which intervals are too short to rely on."""
+LISTED = 4  # of one kind of note
+TITLES = {
+    "area_under_curve": "area under the curve",
+    "jump_start": "jump-start",
+    "final_score": "final score",
+    "frames_to_success": "frames to 0.9",
+}
+UNTOLD = "untold"
+
+
+def verdict_of(above: Mapping[str, Any], separable: bool) -> str:
+    """`ahead`, `behind` or `level` by the interval of P(improvement); `untold` if the seeds are too few."""
+    if above["low"] is None or not separable:
+        return UNTOLD
+    if above["low"] > 0.5:
+        return "ahead"
+    return "behind" if above["high"] < 0.5 else "level"
+
+
+def sentences(chosen: str, against: Sequence[Mapping[str, Any]], figure: str) -> list[str]:
+    """Of each other label `paddle is ahead of cup in A, B; level in C (area under the curve, 6 seeds)`."""
+    others = dict.fromkeys(row["label"] for row in against)
+    return [
+        _sentence(chosen, other, [row for row in against if row["label"] == other], figure)
+        for other in others
+    ]
+
+
+_OVER_ALL = {
+    "ahead": "over all ahead",
+    "level": "over all level",
+    "behind": "over all behind",
+    UNTOLD: "too few seeds over all",
+}
+_FIRST = {"ahead": "is ahead of {}", "level": "is level with {}", "behind": "is behind {}"}
+
+
+def _sentence(chosen: str, other: str, rows: Sequence[Mapping[str, Any]], figure: str) -> str:
+    places: dict[str, list[str]] = {}
+    for row in rows:
+        if row["scenario"] is not None:
+            places.setdefault(row[figure]["verdict"], []).append(row["scenario"])
+    parts: list[str] = []
+    for verdict, first in _FIRST.items():
+        if verdict in places:
+            said = verdict if parts else f"{chosen} {first.format(other)}"
+            parts.append(f"{said} in {', '.join(places[verdict])}")
+    if UNTOLD in places:
+        said = "too few seeds" if parts else f"too few seeds to tell {chosen} from {other}"
+        parts.append(f"{said} in {', '.join(places[UNTOLD])}")
+    parts += [_OVER_ALL[row[figure]["verdict"]] for row in rows if row["scenario"] is None]
+    counts = {n for row in rows if row["scenario"] is not None for n in row["n"]}
+    return f"{'; '.join(parts)} ({TITLES[figure]}, {_seeds(counts)})"
+
+
+def _seeds(counts: Iterable[int]) -> str:
+    least, most = min(counts), max(counts)
+    return f"{least} seed{'s' * (least != 1)}" if least == most else f"{least} to {most} seeds"
+
+
+def notes_of(grouped: Grouped, chosen: str, older: int) -> list[str]:
+    """Few or unequal seeds, missing cells, unequal frames, scores that aren't on one scale."""
+    found = [_few(grouped), _unequal(grouped), _absent(grouped), _frames(grouped), _scale(grouped)]
+    if older:
+        found.append(f"older results left out: {older}; of a scenario, method and seed the newest run counts")
+    if len(grouped.labels) == 1:
+        found.append(f"there is nothing but {chosen} to compare")
+    return [note for note in found if note]
+
+
+def _cells(grouped: Grouped) -> Iterable[tuple[str, str, Mapping[int, Any]]]:
+    for place in grouped.places:
+        for label in grouped.labels:
+            if cell := grouped.cell(place, label):
+                yield place, label, cell
+
+
+def _few(grouped: Grouped) -> str:
+    few = [f"{label} in {place} ({len(cell)})" for place, label, cell in _cells(grouped) if len(cell) < FEW]
+    short = f"at four an interval covers {100 * COVERAGE[4][0]:.0f} % only"
+    return f"fewer than {FEW} seeds, and {short}: {_listed(few)}" if few else ""
+
+
+def _unequal(grouped: Grouped) -> str:
+    unequal = []
+    for place, label, cell in _cells(grouped):
+        if lacking := [seed for seed in grouped.seeds(place) if seed not in cell]:
+            unequal.append(f"{label} in {place} lacks {ranges(lacking)}")
+    return f"unequal seeds: {_listed(unequal)}" if unequal else ""
+
+
+def _absent(grouped: Grouped) -> str:
+    absent = [
+        f"{label} in {place}"
+        for place in grouped.places
+        for label in grouped.labels
+        if not grouped.cell(place, label)
+    ]
+    if not absent:
+        return ""
+    shared = grouped.shared()
+    over = f"over all is over {', '.join(shared)}" if len(shared) > 1 else "nothing is said over all"
+    return f"no results of {_listed(absent)}; {over}"
+
+
+def _frames(grouped: Grouped) -> str:
+    unequal = []
+    for place in grouped.places:
+        frames = {
+            label: max(result.frames for result in grouped.cell(place, label).values())
+            for label in grouped.labels
+            if grouped.cell(place, label)
+        }
+        if len(set(frames.values())) > 1:
+            told = ", ".join(f"{label} {count:,}" for label, count in frames.items())
+            unequal.append(f"{place} ({told})")
+    return f"runs of unequal length, whose figures don't compare: {_listed(unequal)}" if unequal else ""
+
+
+def _scale(grouped: Grouped) -> str:
+    scores = (
+        values
+        for figure in SCORES
+        for label in grouped.labels
+        for values in grouped.sample(figure, label, grouped.shared())
+    )
+    if all(((values >= 0) & (values <= 1)).all() for values in scores):
+        return ""
+    return "scores outside [0, 1]: no optimality gap, and means over all depend on each task's scale"
+
+
+def _listed(texts: Sequence[str]) -> str:
+    more = len(texts) - LISTED
+    return "; ".join(texts[:LISTED]) + (f"; and {more} more" if more > 0 else "")
