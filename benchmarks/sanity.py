@@ -130,6 +130,7 @@ def figures(registry: Registry, record: RunRecord) -> Result:
         "task": record.task,
         "sources": [registry.policy(source).task for source in record.sources],
         "seed": record.seed,
+        "budget": record.settings["frames"],
         "frames": record.frames,
         "seconds": record.seconds,
         **LearningCurve(episodes, record.frames).figures(),
@@ -144,7 +145,7 @@ def figures(registry: Registry, record: RunRecord) -> Result:
 def key_of(run: Result) -> str:
     """`cup BoxDoor from BoxDoor seed 10`."""
     source = f" from {', '.join(run['sources'])}" if run["sources"] else ""
-    return f"{run['method']} {run['task']}{source} {run['frames']:,} seed {run['seed']}"
+    return f"{run['method']} {run['task']}{source} {run['budget']:,} seed {run['seed']}"
 
 
 def _missing(registry: Registry, jobs: Iterable[Job]) -> list[Job]:

@@ -314,8 +314,6 @@ def tried(
 
 
 def followed(command: Command, way: list[str]) -> str:
-    if way[0] == "sweep":
-        way = [*way, "--dry-run"]  # what is made by hand is no cell of a study
     answer = command(*way)
     faults = way[:2] == ["registry", "check"] and "faults" in answer.out
     assert answer.code == 0 or (answer.code == 5 and faults), (way, answer)

@@ -1,19 +1,24 @@
 """`plot`: what it writes, what it says of it, and what it refuses."""
 
+import csv
 import json
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from paddlectl.cli.similarity import similarity_document
+from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.report.spelling import spelled
 from paddlectl.studies.cells import Cell
 from paddlectl.studies.results import Result, write_results
-from samples import RESULT, ROOT, Command
+from paddlectl.tasks.suite import load
+from samples import RESULT, ROOT, TARGET, Command, add_policy
 
 EPISODES = [{"order": n, "started": 9 * n, "frames": 9 * n + 9, "score": n / 100} for n in range(100)]
 
@@ -52,16 +57,52 @@ def test_a_study_is_drawn_from_its_finished_cells(
         f"run: paddlectl sweep {study} --dry-run",
     ]
 
-    def results_of(opened: Registry, cells: Sequence[Cell]) -> list[Result]:
+    def finished(opened: Registry, cells: Sequence[Cell]) -> list[tuple[Cell, RunRecord]]:
         assert opened.location == registry.location
-        return [
-            replace(RESULT, scenario=cell.scenario.name, method=cell.method, seed=cell.seed) for cell in cells
-        ]
+        return [(cell, opened.run("run-3")) for cell in cells]
 
+    def results_of(_: Registry, runs: Sequence[tuple[Cell, RunRecord]]) -> list[Result]:
+        return [replace(RESULT, scenario=c.scenario.name, method=c.method, seed=c.seed) for c, _ in runs]
+
+    monkeypatch.setattr("paddlectl.studies.sweep.finished", finished)
     monkeypatch.setattr("paddlectl.studies.sweep.results_of", results_of)
     answer = command("plot", study, "--json")
     told = (here / answer.json["csv"]).read_text()
     assert answer.json["figure"] == "fig6a" and "finetune" in told and "paddle" in told
+
+
+def watched(registry: Registry, moments: list[dict[str, Any]]) -> RunRecord:
+    """A finished transfer with these moments."""
+    of = {"kind": "transfer", "method": "paddle", "task": TARGET, "scenario": "A"}
+    run = registry.add_run(**of, sources=["policy-1"], seed=0, settings={}, versions={}).id  # type: ignore[arg-type]
+    sources = [registry.policy("policy-1")]
+    registry.files.write_document(run, "mapping", similarity_document(load(TARGET), sources, 0.8, 0.2))
+    registry.files.append_rows(run, "moments", moments)
+    add_policy(registry, run, TARGET, None)
+    return registry.finish_run(run, status="finished", frames=9, episodes=1, seconds=1.0, results={})
+
+
+def test_a_study_of_weights_is_drawn_scene_by_scene(
+    registry: Registry, command: Command, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moments = [
+        {"frames": frames, "scene": 1, "policy": policy, "weight": weight, "chosen": 4}
+        for frames, *weights in ((1000, 0.9, 0.1), (2000, 0.8, 0.7))
+        for policy, weight in zip(("policy-1", "target"), weights, strict=True)
+    ]
+    runs = [watched(registry, moments), watched(registry, [moments[0] | {"scene": 99999}])]
+    monkeypatch.setattr("paddlectl.studies.sweep.finished", lambda _, cells: [(cells[0], runs[0])])
+    answer = command("plot", ROOT / "scenarios" / "paper" / "fig5.yaml", "--json")
+    rows = list(csv.DictReader((here / answer.json["csv"]).open()))
+    assert [(row["panel"], row["label"], row["x"], row["mid"]) for row in rows] == [
+        ("A", "BlockedDoor", "1000", "0.9"),
+        ("A", "BlockedDoor", "2000", "0.8"),
+        ("A", "target", "1000", "0.1"),
+        ("A", "target", "2000", "0.7"),
+    ]
+    assert len({row["note"] for row in rows}) == 1 and rows[0]["note"]  # the scene
+    monkeypatch.setattr("paddlectl.studies.sweep.finished", lambda _, cells: [(cells[0], runs[1])])
+    assert command("plot", ROOT / "scenarios" / "paper" / "fig5.yaml").code == 5
 
 
 def test_a_run_is_drawn_and_shown_in_a_line(registry: Registry, command: Command, here: Path) -> None:

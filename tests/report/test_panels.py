@@ -78,8 +78,8 @@ def test_the_table_has_what_is_plotted_and_no_interval_of_one_seed():
     assert tuple(rows[0]) == FIELDS
     line = panels[0].series[0]
     plotted = zip(line.x, line.mid, line.low, line.high, strict=True)
-    assert [tuple(float(row[field]) for field in FIELDS[2:6]) for row in rows[:4]] == [*plotted]
+    assert [tuple(float(row[field]) for field in FIELDS[3:7]) for row in rows[:4]] == [*plotted]
     assert {(row["panel"], row["label"], row["n"]) for row in rows[:4]} == {("A", "paddle", "3")}
     assert rows[4] == dict(
-        zip(FIELDS, ("A", 'paddle, of "one", alone', "50", "0.4", "", "", "1"), strict=True)
+        zip(FIELDS, ("A", "BoxDoor", 'paddle, of "one", alone', "50", "0.4", "", "", "1"), strict=True)
     )

@@ -116,7 +116,7 @@ def _panels_of_study(
     runs = finished(opened, cells)
     if not runs:
         raise NotFoundError(
-            f"no results of {path}", f"run: paddlectl sweep {shlex.quote(str(path))} --dry-run"
+            f"no results in {path}", f"run: paddlectl sweep {shlex.quote(str(path))} --dry-run"
         )
     if loaded.study.figure == "curves":
         return panels_of(results_of(opened, runs), x)

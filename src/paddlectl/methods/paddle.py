@@ -26,6 +26,8 @@ from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
 EARLY = 100
 """Episodes of the early phase."""
+PAPER_STEPS = 50
+"""Most of a decision in `guidance: paper`; with half of them it gives up what nobody taught the target."""
 MOMENTS = 100
 """Of a run, at which it is told who led."""
 
@@ -203,7 +205,7 @@ def _settings(task: Task, scenario: Scenario, *changes: Mapping[str, Any]) -> Hy
     as_in_paper = {
         "num_envs": readings.num_envs,
         "rollout_steps": max(1, usual.num_envs * usual.rollout_steps // readings.num_envs),
-        "decisions": {"patience": 1.0},
+        "decisions": {"max_steps": PAPER_STEPS, "patience": 1.0},
         "credit": {"imitation_margin": readings.imitation_margin},
     }
     return settings_for(task, as_in_paper, *changes)

@@ -18,7 +18,7 @@ SCORE = "score"
 AXES = ("frames", "episodes")
 RESAMPLES = 2000
 DIGITS = 6
-FIELDS = ("panel", "label", "x", "mid", "low", "high", "n")
+FIELDS = ("panel", "note", "label", "x", "mid", "low", "high", "n")
 
 
 @dataclass(frozen=True)
@@ -157,5 +157,5 @@ def csv_text(panels: Iterable[Panel]) -> str:
             for x, mid, *ends in zip(one.x, one.mid, one.low, one.high, strict=True):
                 shown = (x, mid, *(ends if one.n > 1 else ("", "")))
                 numbers = (f"{value:.12g}" if value != "" else "" for value in shown)
-                table.writerow((panel.title, one.label, *numbers, one.n))
+                table.writerow((panel.title, panel.note, one.label, *numbers, one.n))
     return text.getvalue()
