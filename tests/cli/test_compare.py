@@ -10,7 +10,7 @@ import pytest
 from paddlectl.cli.completion import compared_names, figure_names
 from paddlectl.registry.store import Registry
 from paddlectl.studies.results import write_results
-from samples import ROOT, TARGET, Command, reuse
+from samples import ROOT, TARGET, Command, add_policy, reuse
 from studies.made import SIX, moved, results
 
 EPISODES = 200
@@ -43,6 +43,7 @@ def add(
         for n in range(EPISODES)
     ]
     registry.files.append_rows(run.id, "episodes", rows)
+    add_policy(registry, run.id, task, None, method=method, seed=seed)
     registry.finish_run(
         run.id, status=status, frames=100 * EPISODES, episodes=EPISODES, seconds=1.0, results={}
     )

@@ -24,6 +24,8 @@ def result(scenario: str, method: str, seed: int, area: float, **more: Any) -> R
         "final_score": area,
         "success_rate": area,
         "frames_to_success": round(200_000 / area) if area > 0.5 else None,
+        "unseen_success": area,
+        "unseen_length": 30.0,
         "by_frames": (area,) * 100,
         "by_episodes": (area, area),
     }

@@ -183,7 +183,7 @@ def from_registry(place: str, wanted: "Mapping[str, Sequence[str]]") -> "tuple[l
 
     registry = Registry.open(place, create=False)
     transfers = [run for run in registry.runs() if run.kind == "transfer"]
-    finished = [run for run in transfers if run.status == "finished"]
+    finished = [run for run in transfers if run.status == "finished" and run.policy]
     fitting = chosen(finished, traits_of_run, wanted, registry.shown, _way_to_transfer)
     runs, older = newest(fitting, lambda run: (*traits_of_run(run), run.seed), lambda run: run.id)
     runs.sort(key=lambda run: (*traits_of_run(run), run.seed))

@@ -35,6 +35,8 @@ class Result:
             one of them is in another registry.
         jump_start: As `LearningCurve.figures` has it, as are the next three.
         frames_to_success: Until nine of ten among 100 episodes were solved; None if they never were.
+        unseen_success: Share of the layouts that no training uses which its policy solves, as is the next.
+        unseen_length: Mean length of those episodes.
         by_frames: Mean score of the latest 100 episodes, at 100 moments evenly spread from frame 0. [100]
         by_episodes: The same after every 50 episodes.
     """
@@ -55,6 +57,8 @@ class Result:
     success_rate: float
     area_under_curve: float
     frames_to_success: int | None
+    unseen_success: float
+    unseen_length: float
     by_frames: tuple[float, ...]
     by_episodes: tuple[float, ...]
 
@@ -62,6 +66,7 @@ class Result:
 def result_of(registry: Registry, record: RunRecord, scenario: str = "", variant: str = "") -> Result:
     """The figures of a finished run; of the scenario that it ran, unless another shares it."""
     curve = LearningCurve(ended_episodes(registry, record.id, whole=True), record.frames)
+    policy = registry.policy(record.policy or "")
     return Result(
         scenario=scenario or record.scenario or record.task,
         target=record.task,
@@ -76,6 +81,8 @@ def result_of(registry: Registry, record: RunRecord, scenario: str = "", variant
         source_frames=_source_frames(registry, record),
         **curve.figures(),
         frames_to_success=curve.frames_to(SUCCESS),
+        unseen_success=policy.success_rate,
+        unseen_length=policy.mean_length,
         by_frames=tuple(round(score, DIGITS) for score in curve.by_frames()),
         by_episodes=tuple(round(score, DIGITS) for score in curve.by_episodes(EPISODES)),
     )
