@@ -6,7 +6,7 @@ DEMO := build/demo
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: setup demo test check soak bench bench-ablations bench-maze clean
+.PHONY: setup demo test check soak bench bench-maze paper clean
 
 setup: $(READY)
 
@@ -39,14 +39,23 @@ SHARE ?= 1
 soak: $(READY)
 	$(BIN)/python tests/soak.py --share $(SHARE)
 
-# Learning and transfer over seeds, and speed; ablations and the maze take longer still.
+# Learning and transfer over seeds, and speed; the maze takes longer still.
 bench: BENCH := learning.py sb3_reference.py training_speed.py engine_speed.py greedy_lengths.py
-bench-ablations: BENCH := ablations.py "maze.py --parts ablations --seeds 10 11 12 --frames 1000000"
 bench-maze: BENCH := "maze.py --parts sources paddle guided hdm" "maze.py --parts scratch --seeds 10 11 12"
+bench-maze: BENCH += "maze.py --parts ablations --seeds 10 11 12 --frames 1000000"
 
-bench bench-ablations bench-maze: $(READY)
+bench bench-maze: $(READY)
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev,maze,bench]'
 	@for script in $(BENCH); do echo "== $$script"; $(BIN)/python benchmarks/$$script || exit 1; done
+
+# What is missing of the paper's studies, hours of it, their figures, and docs/results.md.
+STUDIES ?= fig3 fig4 fig5 fig6a fig6b ablation-weights ablation-rules ablation-paper
+paper: export PADDLECTL_REGISTRY ?= build/paper
+paper: $(READY)
+	@for study in $(STUDIES); do \
+	  $(BIN)/paddlectl sweep scenarios/paper/$$study.yaml --results benchmarks/paper/$$study.json && \
+	  $(BIN)/paddlectl plot scenarios/paper/$$study.yaml --to docs/figures || exit 1; done
+	$(BIN)/python benchmarks/paper.py
 
 clean:
 	rm -rf .venv build dist src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

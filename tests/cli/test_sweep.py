@@ -24,7 +24,7 @@ def study(folder: Path, methods: str = "paddle, hdm") -> Path:
 
 
 def test_a_study_is_run_once(command: Command, tmp_path: Path) -> None:
-    file, results = study(tmp_path), tmp_path / "results.json"
+    file, results = study(tmp_path), tmp_path / "made" / "results.json"
     before = command("sweep", file, "--dry-run")
     assert before.code == 0
     assert before.out.startswith("small: 2 cells: 2 missing\nto run: 4 runs × 2,048 frames, ")
@@ -97,4 +97,7 @@ def test_what_is_wrong_is_told_before_anything_is_made(command: Command, tmp_pat
     file = study(tmp_path, "padle")
     answer = command("sweep", file)
     assert answer.code == 3 and f"{file}:3:11: unknown method 'padle'" in answer.err
+    assert not (tmp_path / "registry").exists()
+    answer = command("sweep", study(tmp_path), "--results", tmp_path)
+    assert answer.code == 2 and f"{tmp_path} is a folder" in answer.err
     assert not (tmp_path / "registry").exists()

@@ -20,7 +20,7 @@ from paddlectl.cli.options import (
     file_at,
 )
 from paddlectl.cli.texts import here
-from paddlectl.errors import PaddlectlError
+from paddlectl.errors import PaddlectlError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -80,6 +80,10 @@ def sweep(
         from paddlectl.studies.study import load_study
         from paddlectl.studies.sweep import finished, plan, results_of
 
+        if results is not None:
+            results.parent.mkdir(parents=True, exist_ok=True)
+            if results.is_dir():
+                raise UsageError(f"{results} is a folder", "name a file in it")
         loaded = load_study(file)
         cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
         line = _line(file, seeds, frames)

@@ -10,6 +10,7 @@ from typing import Any, get_origin, get_type_hints
 from paddlectl.errors import InvalidFileError
 from paddlectl.experiments.curves import LearningCurve
 from paddlectl.experiments.log import ended_episodes
+from paddlectl.registry.files.objects import write_atomically
 from paddlectl.registry.names import ELSEWHERE, shortened
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
@@ -95,9 +96,9 @@ def _source_frames(registry: Registry, record: RunRecord) -> int | None:
 
 
 def write_results(path: Path, results: Iterable[Result]) -> None:
-    """Keeps results, a line each, for those who haven't the registry."""
+    """Keeps results, a line each, for those who haven't the registry; a file that is there is replaced."""
     lines = ",\n".join(json.dumps(dataclasses.asdict(result), sort_keys=True) for result in results)
-    path.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+    write_atomically(path, f"[\n{lines}\n]\n".encode(), shared=False)
 
 
 def read_results(path: Path) -> list[Result]:

@@ -1,0 +1,144 @@
+"""docs/results.md, written from the results of the paper's studies in benchmarks/paper/.
+
+    make paper                 runs what is missing of the studies, then this
+    python benchmarks/paper.py
+
+A table for each study: of each scenario and method the figures with their 95 % intervals over seeds, then
+PADDLE against each other one. Nothing in it is written by hand but the studies' first comments.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from paddlectl.studies.comparison import comparison_document
+from paddlectl.studies.results import Result, read_results
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "benchmarks" / "paper"
+STUDIES = ROOT / "scenarios" / "paper"
+PAGE = ROOT / "docs" / "results.md"
+ORDER = ("fig3", "fig4", "fig5", "fig6a", "fig6b", "ablation-weights", "ablation-rules", "ablation-paper")
+SIGNS = {"ahead": "**ahead**", "behind": "**behind**"}
+Document = dict[str, Any]
+
+
+def main() -> None:
+    parts = [part for name in ORDER if (RESULTS / f"{name}.json").exists() for part in study(name)]
+    PAGE.write_text("\n\n".join([*head(), *parts]) + "\n", encoding="utf-8")
+
+
+def head() -> Iterator[str]:
+    yield "# Results"
+    yield (
+        "The studies of `scenarios/paper/`, whole. `make paper` runs what is missing of them and writes this "
+        "page from `benchmarks/paper/`; `paddlectl compare benchmarks/paper/fig4.json` shows the same in a "
+        "terminal, with every figure. Seeds are paired: a transfer reuses sources of its own seed. Area, "
+        "jump-start and final score are explained in README.md; here they are interquartile means over seeds "
+        "with 95 % intervals, bold where they are the best or not told apart from it. *Unseen* is the share "
+        "of 200 layouts that no training uses which the worst seed's policy solves, *steps* the mean length "
+        "of those episodes, *sources* the frames that training the sources took, which count for no method. "
+        "P is the probability that PADDLE does better than the other one; it is said to be ahead or behind "
+        "only where its whole interval is above or below 0.5."
+    )
+
+
+def study(name: str) -> Iterator[str]:
+    """A study's part of the page."""
+    results = read_results(RESULTS / f"{name}.json")
+    document = comparison_document(results)
+    first = (STUDIES / f"{name}.yaml").read_text(encoding="utf-8").splitlines()[0]
+    yield f"## {name}"
+    yield f"{first.removeprefix('# ')} {_made_by(results)}"
+    yield _table(
+        (
+            "scenario",
+            "method",
+            "n",
+            "area",
+            "jump-start",
+            "final",
+            "frames to 0.9",
+            "unseen",
+            "steps",
+            "sources",
+        ),
+        _cells(document, results),
+    )
+    if rows := list(_against(document)):
+        of = document["of"]
+        yield f"`{of}` against the others, by area under the curve and by jump-start:"
+        yield _table(
+            ("scenario", "other", "P, area", "difference", "", "P, jump-start", "difference", ""), rows
+        )
+    yield "\n".join(f"- {note}" for note in [*document["verdicts"]["area_under_curve"], *document["notes"]])
+
+
+def _made_by(results: Sequence[Result]) -> str:
+    runs = {result.run: result for result in results}.values()
+    frames = sorted({run.frames for run in runs})
+    hours = sum(run.seconds for run in runs) / 3600
+    return (
+        f"{len(runs)} runs of {frames[0]:,} to {frames[-1]:,} frames, {hours:.1f} hours of one core, by "
+        f"paddlectl {' and '.join(sorted({run.code for run in runs}))}."
+    )
+
+
+def _cells(document: Document, results: Sequence[Result]) -> Iterator[tuple[str, ...]]:
+    """The best of a scenario, and what isn't told apart from it, in bold."""
+    best = {(each["scenario"], each["figure"]): each["labels"] for each in document["best"]}
+    for cell in document["cells"]:
+        runs = [
+            run
+            for run in results
+            if (run.scenario, run.method, run.variant) == (cell["scenario"], cell["method"], cell["variant"])
+        ]
+        figures = [
+            _bold(_estimate(cell[figure]["iqm"]), cell["label"] in best[cell["scenario"], figure])
+            for figure in ("area_under_curve", "jump_start", "final_score")
+        ]
+        reached = cell["frames_to_success"]["median"]["value"]
+        yield (
+            cell["scenario"],
+            f"`{cell['label']}`",
+            str(cell["n"]),
+            *figures,
+            "never" if reached is None or reached == float("inf") else f"{reached:,.0f}",
+            f"{100 * min(run.unseen_success for run in runs):.0f} %",
+            f"{sum(run.unseen_length for run in runs) / len(runs):.1f}",
+            "–" if cell["source_frames"] is None else f"{cell['source_frames']:,}",
+        )
+
+
+def _against(document: Document) -> Iterator[tuple[str, ...]]:
+    for row in document["against"]:
+        told = []
+        for figure in ("area_under_curve", "jump_start"):
+            versus = row[figure]
+            told += [
+                _estimate(versus["probability_of_improvement"]),
+                _estimate(versus["difference"], sign="+"),
+                SIGNS.get(versus["verdict"], versus["verdict"]),
+            ]
+        yield (row["scenario"] or "over all", f"`{row['label']}`", *told)
+
+
+def _estimate(estimate: Document | None, sign: str = "") -> str:
+    if estimate is None or estimate["value"] is None:
+        return "–"
+    if estimate["low"] is None:
+        return f"{estimate['value']:{sign}.2f}"
+    return f"{estimate['value']:{sign}.2f} [{estimate['low']:{sign}.2f}, {estimate['high']:{sign}.2f}]"
+
+
+def _bold(text: str, wanted: bool) -> str:
+    return f"**{text}**" if wanted else text
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+if __name__ == "__main__":
+    main()
