@@ -43,6 +43,7 @@ TRIALS = {
     "killed_runs": Trial("killed_runs", 20, 500),
     "stopped_runs": Trial("killed_runs", 10, 100),
     "stopped_commands": Trial("killed_runs", 10, 100),
+    "killed_sweeps": Trial("killed_sweeps", 10, 50),
     "orphans": Trial("lost_workers", 10, 100),
     "lost_workers": Trial("lost_workers", 10, 100),
     "stopped_every": Trial("equal_runs", 15, 250),
