@@ -41,6 +41,13 @@ def test_whole_numbers(command: Command, asked: list[Any]) -> None:
     assert [job.seed for job in asked[2:5]] == [1, 2, 3]
 
 
+def test_several_seeds_are_told_their_option(command: Command, asked: list[Any]) -> None:
+    for text in ("0,1", "0-5"):
+        answer = command("train", "BoxDoor", "--seed", text)
+        assert answer.code == 2 and f"write --seeds {text}" in answer.err
+    assert asked == []
+
+
 def test_the_default_numbers_stay(
     registry: Registry, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -111,6 +112,16 @@ def whole_number(low: int, high: int) -> Callable[[object], int]:
     return number
 
 
+def one_seed(text: object) -> int:
+    """A parser of one seed."""
+    from paddlectl.whole import seeds
+
+    with suppress(UsageError):
+        if len(seeds(str(text))) > 1:
+            raise typer.BadParameter(f"{str(text)!r} are several seeds; write --seeds {text}")
+    return whole_number(0, SEEDS - 1)(text)
+
+
 def at_home(text: str) -> str:
     """The path with the home folder for `~` or `~user` at its start, which shells leave alone in `--x=~/y`.
 
@@ -191,9 +202,7 @@ PolicyName = Annotated[
 ]
 OneSeed = Annotated[
     int | None,
-    typer.Option(
-        "--seed", parser=whole_number(0, SEEDS - 1), metavar="N", help="One seed.", show_default=False
-    ),
+    typer.Option("--seed", parser=one_seed, metavar="N", help="One seed.", show_default=False),
 ]
 StudyFrames = Annotated[
     int | None,
