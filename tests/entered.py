@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from paddlectl.experiments.jobs import Job, RandomJob, TrainJob, TransferJob
@@ -13,9 +13,17 @@ from paddlectl.tasks.suite import load
 from samples import add_policy
 
 
-def entered(registry: Registry, job: Job, status: str = "finished", text: str | None = None) -> str:
-    """A run as the runner enters it for a job, and how it ended."""
+def entered(
+    registry: Registry,
+    job: Job,
+    status: str = "finished",
+    text: str | None = None,
+    change: Callable[[dict[str, Any]], None] = lambda _: None,
+) -> str:
+    """A run as the runner enters it for a job, its settings changed, and how it ended."""
     kind, method, task, sources, settings = told(job)
+    settings = json.loads(json.dumps(settings))
+    change(settings)
     run = registry.add_run(
         kind=kind,
         method=method,
@@ -23,7 +31,7 @@ def entered(registry: Registry, job: Job, status: str = "finished", text: str | 
         scenario="A" if kind == "transfer" else None,
         sources=sources,
         seed=job.seed,
-        settings=json.loads(json.dumps(settings)),
+        settings=settings,
         versions={},
     ).id
     if status == "finished":

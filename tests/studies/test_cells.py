@@ -119,6 +119,26 @@ def test_later_runs_of_the_same_change_nothing(registry: Registry, tmp_path: Pat
     assert {cell.name: found.run and found.run.id for cell, found in now.cells} == before
 
 
+def test_numbers_that_came_later_are_their_defaults(registry: Registry, tmp_path: Path) -> None:
+    made = cells(tmp_path, "methods: [hdm]\nseeds: 3\nframes: 1000")
+    (step,) = plan(registry, made).steps()
+
+    def older(settings: dict[str, Any]) -> None:
+        del settings["learning"]["sharpness"], settings["learning"]["low_level"]["value_coef"]
+        settings["learning"]["lanes"] = settings["learning"].pop("num_envs")
+
+    entered(registry, step.job, change=older)
+    assert names(plan(registry, made)) == []
+
+    def another(settings: dict[str, Any]) -> None:
+        settings["learning"]["sharpness"] = 9.0
+
+    other = cells(tmp_path, "methods: [hdm]\nseeds: 4\nframes: 1000")
+    (step,) = plan(registry, other).steps()
+    entered(registry, step.job, change=another)
+    assert names(plan(registry, other)) == ["A hdm seed 4"]
+
+
 def test_what_was_stopped_goes_on_and_what_runs_elsewhere_is_left(registry: Registry, tmp_path: Path) -> None:
     made = cells(tmp_path, "methods: [hdm]\nseeds: 3\nframes: 1000")
     (step,) = plan(registry, made).steps()

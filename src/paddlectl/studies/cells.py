@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, NamedTuple
 
-from paddlectl.agents.settings import changed
+from paddlectl.agents.settings import changed, restored
+from paddlectl.errors import IntegrityError
 from paddlectl.experiments.jobs import RandomJob, TrainJob, TransferJob
+from paddlectl.experiments.policies import needs_of
 from paddlectl.experiments.runner import budget_of, settings_of
 from paddlectl.methods.base import method_of
 from paddlectl.methods.catalogue import MADE_AS, teacher_of
@@ -198,10 +200,27 @@ def _key_of(record: RunRecord) -> str:
         record.seed,
         record.sources,
         settings.get("frames"),
-        settings.get("learning"),
-        settings.get("rules"),
+        *_numbers(record),
         [scenario.get("similarity"), scenario.get("guidance")],
     )
+
+
+def _numbers(record: RunRecord) -> tuple[Any, Any]:
+    """Its settings and rules by today's names; of what this version can't read as they are stored.
+
+    What was stored before a number came has it by its default, as in every use of old runs.
+    """
+    learning, rules = record.settings.get("learning"), record.settings.get("rules")
+    try:
+        task, method = needs_of(record)
+        usual = method.rules_for(task) if record.kind == "transfer" else None
+        stored = usual and restored(type(usual)(), rules or {}, "rules")
+        return (
+            dataclasses.asdict(method.settings_from(task, learning)),
+            stored and dataclasses.asdict(stored),
+        )
+    except (IntegrityError, ValueError, TypeError):
+        return learning, rules
 
 
 def _key_of_source(source: Source) -> str:
