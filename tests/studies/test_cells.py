@@ -154,6 +154,18 @@ def test_what_was_stopped_goes_on_and_what_runs_elsewhere_is_left(registry: Regi
     assert [step.job for step in plan(registry, made).steps()] == [ResumeJob(stopped)]
 
 
+def test_a_run_that_cant_go_on_is_begun_anew(registry: Registry, tmp_path: Path) -> None:
+    made = cells(tmp_path, "methods: [paddle]\nseeds: 3\nframes: 1000")
+    sources = plan(registry, made).steps()
+    stopped = [entered(registry, step.job, "interrupted") for step in sources]
+    now = plan(registry, made)
+    assert [step.job for step in now.steps()] == [ResumeJob(run) for run in stopped]
+    assert [step.job for step in now.steps({*stopped[:1]})][0] == sources[0].job
+    assert now.steps({*stopped, *(step.name for step in sources)}) == []
+    newer = [entered(registry, step.job, "interrupted") for step in sources]
+    assert [step.job for step in plan(registry, made).steps()] == [ResumeJob(run) for run in newer]
+
+
 def test_policies_that_have_learned_nothing(registry: Registry, tmp_path: Path) -> None:
     made = cells(tmp_path, "methods: [paddle]\nseeds: 3\nvariants: {random: {random: [BoxDoor, OpenGoal]}}")
     steps = plan(registry, made).steps()

@@ -139,9 +139,11 @@ def _run_missing(
             while True:
                 now = plan(registry, cells)
                 if steps := now.steps(tried):
-                    tried |= {step.name for step in steps}
+                    tried |= {step.key for step in steps}
                     asked = [Asked(*step) for step in steps]
                     ended = run_each(asked, registry.location, checkpoint_every, jobs, fail_fast=fail_fast)
+                    for step in steps:
+                        failed.pop(step.name, None)
                     failed |= ended.failed
                 elif now.elsewhere:
                     time.sleep(PATIENCE)

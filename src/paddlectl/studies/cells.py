@@ -129,10 +129,16 @@ class Runs:
         return self._best(_key_of_job(cell.job(policies_of(sources))))
 
     def _best(self, key: str) -> Found:
-        """Of several the one that is furthest; of those the oldest, so that later ones change nothing."""
+        """Of several the one that is furthest: the first that finished, or the last that was stopped.
+
+        So later runs of the same change nothing, and one that couldn't go on isn't in the way of a new one.
+        """
         found = [Found(self._state(record), record) for record in self._known.get(key, ())]
-        order = ("finished", "running", "stopped")
-        return min(found, key=lambda each: order.index(each.state), default=MISSING)
+        for state in ("finished", "running"):
+            for each in found:
+                if each.state == state:
+                    return each
+        return found[-1] if found else MISSING
 
     def _state(self, record: RunRecord) -> str:
         if record.status == "finished":

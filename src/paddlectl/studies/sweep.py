@@ -1,6 +1,6 @@
 """What a study still lacks, and what is to be run for it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from paddlectl.experiments.jobs import Job, ResumeJob, TrainJob
@@ -27,6 +27,11 @@ class Step(NamedTuple):
     task: str
     frames: int
 
+    @property
+    def key(self) -> str:
+        """What tells it from other ways to the same."""
+        return self.job.run if isinstance(self.job, ResumeJob) else self.name
+
 
 class Plan(NamedTuple):
     """How far a study is.
@@ -39,11 +44,11 @@ class Plan(NamedTuple):
     cells: Sequence[tuple[Cell, Found]]
     sources: Mapping[Source, Found]
 
-    def steps(self, failed: Iterable[str] = ()) -> list[Step]:
-        """What can be done next, but for what failed before: sources first, then cells, each once."""
-        for steps in (self._of_sources(), self._of_cells(self.ready)):
-            if left := [step for step in steps if step.name not in failed]:
-                return left
+    def steps(self, tried: Container[str] = ()) -> list[Step]:
+        """What can be done next, but for what was tried before: sources first, then cells, each once."""
+        for steps in (self._of_sources(tried), self._of_cells(self.ready, tried)):
+            if steps:
+                return steps
         return []
 
     @property
@@ -81,17 +86,17 @@ class Plan(NamedTuple):
         """All that is to be done until the study is whole."""
         return [*self._of_sources(), *self._of_cells(self.cells)]
 
-    def _of_sources(self) -> list[Step]:
-        steps = [_of_source(source, found) for source, found in self.sources.items()]
+    def _of_sources(self, tried: Container[str] = ()) -> list[Step]:
+        steps = [_untried(_of_source(source, found), tried) for source, found in self.sources.items()]
         return [step for step in steps if step]
 
-    def _of_cells(self, cells: Sequence[tuple[Cell, Found]]) -> list[Step]:
+    def _of_cells(self, cells: Sequence[tuple[Cell, Found]], tried: Container[str] = ()) -> list[Step]:
         """One for all cells that are served by one run; it has the name of the first."""
         steps: dict[str, Step | None] = {}
         for cell, found in cells:
             if cell.identity not in steps:
                 sources = [self.sources[source] for source in cell.sources]
-                steps[cell.identity] = _of_cell(cell, found, sources)
+                steps[cell.identity] = _untried(_of_cell(cell, found, sources), tried)
         return [step for step in steps.values() if step]
 
 
@@ -117,25 +122,32 @@ def results_of(registry: Registry, runs: Iterable[tuple[Cell, RunRecord]]) -> li
     return [result_of(registry, run, cell.scenario.name, cell.variant) for cell, run in runs]
 
 
-def _of_source(source: Source, found: Found) -> Step | None:
-    job = source.job()
-    budget = budget_of(job) if isinstance(job, TrainJob) else 0
-    if found.run and found.state == "stopped" and source.method != RANDOM:
-        return Step(ResumeJob(found.run.id), source.name, "train", source.method, source.task, _left(found))
-    again = found.state in ("missing", "stopped")
-    return Step(job, source.name, "train", source.method, source.task, budget) if again else None
+def _untried(ways: Sequence[Step], tried: Container[str]) -> Step | None:
+    return next((step for step in ways if step.key not in tried), None)
 
 
-def _of_cell(cell: Cell, found: Found, sources: Sequence[Found]) -> Step | None:
-    kind = (cell.name, "transfer", cell.method, cell.scenario.target)
-    if found.run and found.state == "stopped":
-        return Step(ResumeJob(found.run.id), *kind, _left(found))
-    if found.state in ("missing", WAITING.state):
-        return Step(cell.job(policies_of(sources)), *kind, cell.frames)
-    return None
+def _of_source(source: Source, found: Found) -> list[Step]:
+    """The ways to it, the quickest first: to go on with a run that was stopped, or to begin anew."""
+    job, of = source.job(), (source.name, "train", source.method, source.task)
+    anew = Step(job, *of, budget_of(job) if isinstance(job, TrainJob) else 0)
+    return _ways(found, anew) if source.method != RANDOM or found.state != "stopped" else [anew]
 
 
-def _left(found: Found) -> int:
-    assert found.run is not None
-    frames = found.run.settings.get("frames")
-    return max(frames - found.run.frames, 0) if isinstance(frames, int) else 0
+def _of_cell(cell: Cell, found: Found, sources: Sequence[Found]) -> list[Step]:
+    """Likewise."""
+    job, of = cell.job(policies_of(sources)), (cell.name, "transfer", cell.method, cell.scenario.target)
+    return _ways(found, Step(job, *of, cell.frames))
+
+
+def _ways(found: Found, anew: Step) -> list[Step]:
+    match found:
+        case Found("stopped", RunRecord() as run):
+            return [anew._replace(job=ResumeJob(run.id), frames=_left(run)), anew]
+        case Found("finished" | "running"):
+            return []
+    return [anew]
+
+
+def _left(run: RunRecord) -> int:
+    frames = run.settings.get("frames")
+    return max(frames - run.frames, 0) if isinstance(frames, int) else 0
