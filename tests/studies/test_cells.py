@@ -160,7 +160,7 @@ def test_a_run_that_cant_go_on_is_begun_anew(registry: Registry, tmp_path: Path)
     stopped = [entered(registry, step.job, "interrupted") for step in sources]
     now = plan(registry, made)
     assert [step.job for step in now.steps()] == [ResumeJob(run) for run in stopped]
-    assert [step.job for step in now.steps({*stopped[:1]})][0] == sources[0].job
+    assert now.steps({*stopped[:1]})[0].job == sources[0].job
     assert now.steps({*stopped, *(step.name for step in sources)}) == []
     newer = [entered(registry, step.job, "interrupted") for step in sources]
     assert [step.job for step in plan(registry, made).steps()] == [ResumeJob(run) for run in newer]

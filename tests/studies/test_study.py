@@ -56,6 +56,9 @@ def test_what_a_variant_changes() -> None:
 
 
 MISTAKES = {
+    "methods: [ppo, hdm]\nseeds: 0-999\nvariants: {" + ", ".join(f"v{n}: {{}}" for n in range(51)) + "}": (
+        "4:8: 204,000 cells in all; a study has 100,000 at most"
+    ),
     "methods: [padle]": "3:11: unknown method 'padle'; did you mean 'paddle'?",
     "methods: [paddle, paddle]": "3:19: 'paddle' stands twice in methods",
     "methods: paddle": "3:10: methods: must be a list; write [paddle]",

@@ -1,5 +1,6 @@
 """Study files: scenarios × methods × variants × seeds, and which figure they make."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -30,6 +31,7 @@ from paddlectl.yaml_files import Closed, KeyPath, Kind, Problem, load_file, unkn
 
 MOST = 200
 """Scenarios, methods and variants of a study, each."""
+MOST_CELLS = 100_000
 
 Several = Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST)]
 
@@ -132,6 +134,10 @@ def _misuses(study: Study, path: Path) -> Iterator[Problem]:
     for index, name in enumerate(names):
         if name in names[:index]:
             yield Problem(("scenarios", index), f"another scenario before is called {name!r}, too")
+    if (
+        cells := math.prod(map(len, (study.scenarios, study.methods, study.seeds, study.variants or "1")))
+    ) > MOST_CELLS:
+        yield Problem(("seeds",), f"{cells:,} cells in all; a study has {MOST_CELLS:,} at most")
     for name, variant in study.variants.items():
         yield from _misuses_of_variant(("variants", name), variant, study, scenarios)
 
