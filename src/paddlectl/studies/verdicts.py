@@ -9,6 +9,8 @@ from paddlectl.whole import ranges
 
 FEW = 5
 """Seeds below which intervals are too short to rely on."""
+ALIKE = 1.05
+"""Of two runs' lengths, at most; those of one budget end with their last whole round."""
 LISTED = 4  # of one kind of note
 TITLES = {
     "area_under_curve": "area under the curve",
@@ -122,7 +124,7 @@ def _frames(grouped: Grouped) -> str:
             for label in grouped.labels
             if grouped.cell(place, label)
         }
-        if len(set(frames.values())) > 1:
+        if max(frames.values()) > ALIKE * min(frames.values()):
             told = ", ".join(f"{label} {count:,}" for label, count in frames.items())
             unequal.append(f"{place} ({told})")
     return f"runs of unequal length, whose figures don't compare: {_listed(unequal)}" if unequal else ""
