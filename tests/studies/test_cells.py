@@ -119,6 +119,10 @@ def test_later_runs_of_the_same_change_nothing(registry: Registry, tmp_path: Pat
     assert {cell.name: found.run and found.run.id for cell, found in now.cells} == before
 
 
+def _whole(value: Any) -> Any:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
 def test_numbers_that_came_later_are_their_defaults(registry: Registry, tmp_path: Path) -> None:
     made = cells(tmp_path, "methods: [hdm]\nseeds: 3\nframes: 1000")
     (step,) = plan(registry, made).steps()
@@ -126,6 +130,9 @@ def test_numbers_that_came_later_are_their_defaults(registry: Registry, tmp_path
     def older(settings: dict[str, Any]) -> None:
         del settings["learning"]["sharpness"], settings["learning"]["low_level"]["value_coef"]
         settings["learning"]["lanes"] = settings["learning"].pop("num_envs")
+        settings["learning"]["credit"] = {
+            name: _whole(value) for name, value in settings["learning"]["credit"].items()
+        }
 
     entered(registry, step.job, change=older)
     assert names(plan(registry, made)) == []

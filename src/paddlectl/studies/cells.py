@@ -265,4 +265,11 @@ def _key(
 ) -> str:
     """All that decides what a run does; the scenario's numbers only if there is a source to weigh."""
     numbers = [frames, learning, rules, scenario if sources else None]
-    return json.dumps([method, task, seed, list(sources), *numbers], sort_keys=True)
+    told = json.dumps([method, task, seed, list(sources), *numbers])
+    return json.dumps(json.loads(told, parse_float=_number), sort_keys=True)
+
+
+def _number(text: str) -> float | int:
+    """30.0 is 30."""
+    value = float(text)
+    return int(value) if value.is_integer() else value
