@@ -48,7 +48,7 @@ def typed(given: Sequence[str]) -> Changes:
     for text in given:
         name, equals, written = text.partition("=")
         names = [part.strip() for part in name.split(".")]
-        if not (equals and written.strip()) or len(names) > MAX_DEPTH:
+        if not (equals and written.strip() and all(names)) or len(names) > MAX_DEPTH:
             raise UsageError(f"--set {shown(text)}: not NAME=VALUE", "write low_level.learning_rate=1e-3")
         try:
             value = value_of(written)
@@ -120,6 +120,8 @@ def unfit(
     settings = method.presets(task)[preset] if preset else method.settings_for(task, scenario)
     rules = None if scenario is None else method.rules_for(task)
     found = [Misfit(("settings", *place), why) for place, why in misfits(settings, changes.settings)]
+    if scenario is None and changes.rules:
+        found += [Misfit((RULES,), "a source is learned by no rules: it reuses nothing")]
     found += [Misfit((RULES, *place), why) for place, why in misfits(rules, changes.rules)]
     yield from found
     if found or scenario is None:

@@ -35,7 +35,7 @@ def _at(name: str, own: Mapping[str, Any]) -> Any:
 def numbers_parts(document: Mapping[str, Any], method: str) -> list[RenderableType]:
     """The unusual ones, if there are any."""
     title = f"Numbers that differ from the usual ones of {clean(method)}"
-    return [table(UNUSUAL, document["unusual"], title)] if document["unusual"] else []
+    return ["", table(UNUSUAL, document["unusual"], title)] if document["unusual"] else []
 
 
 def run_document(run: RunRecord) -> dict[str, Any]:
