@@ -259,6 +259,8 @@ def _advice(path: KeyPath, kind: str, written: str) -> str | None:
     match kind:
         case "string_type" if path[0] == "sources":
             return f"write policy-{written}" if number_of(f"policy-{written}", "policy") else ""
+        case "tuple_type" if written == "auto":
+            return "write {auto: 3}"
         case "tuple_type" if written == "paired":
             return "write {tasks: [BlockedDoor, GapBall], seed: paired}"
     return advice_on_seeds(path, kind, written)
