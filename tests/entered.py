@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from paddlectl.experiments.jobs import Job, RandomJob, TrainJob, TransferJob
-from paddlectl.experiments.runner import budget_of, settings_of
-from paddlectl.methods.base import method_of
+from paddlectl.experiments.runner import budget_of, rules_of, settings_of
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 from samples import add_policy
@@ -44,12 +43,11 @@ def entered(
 def told(job: Job) -> tuple[str, str, str, tuple[str, ...], Mapping[str, Any]]:
     match job:
         case TransferJob():
-            method, task = method_of(job.method), load(job.scenario.target)
-            rules = job.rules or method.rules_for(task)
+            task, rules = load(job.scenario.target), rules_of(job)
             settings = {
                 "frames": job.frames,
                 "scenario": job.scenario.model_dump(mode="json"),
-                "learning": dataclasses.asdict(method.settings_for(task, job.scenario, job.changes)),
+                "learning": dataclasses.asdict(settings_of(job)),
                 "rules": rules and dataclasses.asdict(rules),
             }
             return "transfer", job.method, task.name, job.sources, settings

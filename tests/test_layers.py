@@ -13,7 +13,7 @@ FLOOR = {
     "experiments": 4, "studies": 4.2, "report": 4.4, "statistics": 0,
     "methods": 3.5,  # what a method is and which there are lies below: scenarios name one
     "transfer": 3, "scenario": 3, "yaml_files": 2.6,  # below experiments, which runs scenarios
-    "methods.base": 2.6, "methods.catalogue": 2.5,
+    "methods.base": 2.6, "methods.catalogue": 2.5, "methods.changes": 2.7, "ranges": -1,
     "hybrid": 2, "transfer.similarity": 2, "transfer.performance": 2, "transfer.guidance": 2,
     "transfer.documents": 2.1, "whole": 2.5,
     "registry": 2,  # records, names and fields; its rooms from below:

@@ -186,6 +186,13 @@ SOURCES = [
     ("{tasks: [GapBall], seed: [paired]}", "3:35: sources.seed: input should be 'best' or 'paired'"),
     ("{tasks: [GapBall], seed: null}", "3:35: sources.seed: input should be 'best' or 'paired'"),
     ("\n  tasks:\n    - GapBall\n    - GapBal\n  seed: paired", "6:7: unknown task 'GapBal'"),
+    ("{auto: 0}", "3:17: sources.auto: input should be greater than or equal to 1"),
+    ("{auto: 2.5}", "3:17: sources.auto: must be a whole number"),
+    ("{auto: three}", "3:17: sources.auto: must be a whole number"),
+    ("{auto: 3, tasks: [GapBall]}", "3:10: auto chooses, tasks are named: leave out one of them"),
+    ("{auto: 3, sed: paired}", "3:20: unknown key 'sed'; did you mean 'seed'?"),
+    ("{aut: 3}", "3:11: unknown key 'aut'; did you mean 'auto'?"),
+    ("auto", "3:10: sources: must be a list; write {auto: 3}"),
     ("\n  tasks:\n    - GapBall\n  seed: pared", "6:9: sources.seed: input should be"),
 ]
 
@@ -200,6 +207,8 @@ def test_a_mistake_in_the_sources_is_told_with_its_place(tmp_path: Path, sources
     [
         ("[policy-7, GapBall]", ("policy-7", "GapBall"), False, ["policy-7", "GapBall"]),
         ("{tasks: [GapBall]}", ("GapBall",), False, {"tasks": ["GapBall"], "seed": "best"}),
+        ("{auto: 3}", (), False, {"auto": 3, "seed": "best"}),
+        ("{auto: 1e0, seed: paired}", (), True, {"auto": 1, "seed": "paired"}),
         ("{seed: best, tasks: [GapBall]}", ("GapBall",), False, {"tasks": ["GapBall"], "seed": "best"}),
         (
             "{tasks: [BoxDoor, GapBall], seed: paired}",
@@ -228,6 +237,38 @@ def test_what_is_kept_of_a_scenario_gives_it_again(listed: list[str], seed: Any,
     scenario = Scenario(name="A", target="DoorBall", sources=sources)
     assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
     assert scenario.source_names == tuple(listed)
+
+
+NUMBERS = {
+    "settings: {num_env: 3}": "9:12: no setting num_env; did you mean num_envs?",
+    "settings: {num_envs: 0}": "9:12: num_envs is from 1 to 4096, usually 64",
+    "settings: {low_level: {learning_rate: -1e-3}}": "9:24: learning_rate is above 0, usually 0.0005",
+    "settings: {low_level: {hidden: []}}": "9:24: hidden is a list of 1 to 16 whole numbers, each from 1 to",
+    "settings: {low_level: {hidden: [64, x]}}": "9:24: hidden is usually [400, 400, 400]",
+    "settings: {low_level: 3}": "9:12: low_level is a mapping of ",
+    "settings: {frames: 3}": "9:12: frames is of sources alone",
+    "settings: num_envs": "9:11: settings: must be a mapping of keys to values",
+    "settings:": "9:10: settings: must be a mapping of keys to values",
+    "rules: {target_flor: 0}": "9:9: no setting target_flor; did you mean target_floor?",
+    "rules: {episodes: always}": "9:9: episodes is one of bandit, guided, alone, usually 'bandit'",
+    "rules: {similarity_decay: 1.1}": "9:9: similarity_decay is from 0 to 1, usually 0.7",
+    "rule: {}": "9:1: unknown key 'rule'; did you mean 'rules'?",
+}
+
+
+@pytest.mark.parametrize("text", NUMBERS)
+def test_a_mistake_in_the_numbers_is_told_with_its_place(tmp_path: Path, text: str) -> None:
+    assert refusal(tmp_path, f"{GOOD}{text}\n").startswith(NUMBERS[text])
+
+
+def test_numbers_of_a_scenario(tmp_path: Path) -> None:
+    text = "rules: {target_floor: 0}\nsettings: {low_level: {hidden: [64, 64], clip: 1e-1}, num_envs: 8}\n"
+    found = load_scenario(write(tmp_path, GOOD + text))
+    assert found.rules == {"target_floor": 0}
+    assert found.settings == {"low_level": {"hidden": [64, 64], "clip": 0.1}, "num_envs": 8}
+    assert Scenario.model_validate_json(found.model_dump_json()) == found
+    older = {k: v for k, v in found.model_dump(mode="json").items() if k not in ("rules", "settings")}
+    assert Scenario.model_validate_json(json.dumps(older)).settings == {}
 
 
 @pytest.mark.parametrize("text", ["400000", "4e5", "4E+5", "400000.0", "400000.", "+400000", "40000000e-2"])

@@ -11,6 +11,8 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from paddlectl import whole
 from paddlectl.errors import UsageError
 from paddlectl.methods import catalogue
+from paddlectl.methods.base import method_of
+from paddlectl.methods.changes import Changes, Misfit, unfit
 from paddlectl.registry import fields
 from paddlectl.registry.names import number_of
 from paddlectl.tasks import suite
@@ -57,12 +59,42 @@ class TaskSources(Closed):
     seed: Literal["best", "paired"] = "best"
 
 
+class SimilarSources(Closed):
+    """The policies that are most similar to the target, one a task.
+
+    Attributes:
+        auto: How many.
+        seed: Of the `best` of each task, or of those of the transfer's own seed.
+    """
+
+    auto: Annotated[int, Field(ge=1, le=fields.MOST_SOURCES)]
+    seed: Literal["best", "paired"] = "best"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _either(cls, sources: Any) -> Any:
+        if isinstance(sources, dict) and "tasks" in sources:
+            raise ValueError("auto chooses, tasks are named: leave out one of them")
+        return sources
+
+
+class _KeysOfSources(TaskSources):
+    """All keys that the forms of sources have."""
+
+    auto: int
+
+
 def _form(sources: Any) -> str:
+    if isinstance(sources, SimilarSources) or (isinstance(sources, dict) and "auto" in sources):
+        return "similar"
     return "mapping" if isinstance(sources, dict | TaskSources) else "list"
 
 
 Sources = Annotated[
-    Annotated[Names, Tag("list")] | Annotated[TaskSources, Tag("mapping")], Discriminator(_form)
+    Annotated[Names, Tag("list")]
+    | Annotated[TaskSources, Tag("mapping")]
+    | Annotated[SimilarSources, Tag("similar")],
+    Discriminator(_form),
 ]
 
 
@@ -114,8 +146,10 @@ class Scenario(Closed):
 
     Attributes:
         target: The task to learn.
-        sources: Tasks whose best policies may be reused, and ids of policies; or `TaskSources`.
+        sources: Tasks whose best policies may be reused, and ids of policies; or one of the other forms.
         frames: Environment steps of each run.
+        rules: Other than the usual ones by which the method reuses sources, by name.
+        settings: Of the method, likewise, also within each other: `{low_level: {learning_rate: 1e-3}}`.
     """
 
     name: Name
@@ -126,16 +160,30 @@ class Scenario(Closed):
     frames: Frames = 400_000
     similarity: Similarity = Similarity()
     guidance: Guidance = Guidance()
+    rules: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, Any] = Field(default_factory=dict)
 
     @property
     def source_names(self) -> tuple[str, ...]:
-        """The tasks and policies that `sources` names, in its order."""
+        """The tasks and policies that `sources` names, in its order; none if they are chosen."""
+        if isinstance(self.sources, SimilarSources):
+            return ()
         return self.sources.tasks if isinstance(self.sources, TaskSources) else self.sources
+
+    @property
+    def chosen(self) -> int:
+        """How many sources are chosen by their similarity; 0 if they are named."""
+        return self.sources.auto if isinstance(self.sources, SimilarSources) else 0
+
+    @property
+    def source_count(self) -> int:
+        """How many policies each transfer reuses."""
+        return self.chosen or len(self.source_names)
 
     @property
     def paired(self) -> bool:
         """Whether each transfer reuses the policies of its own seed."""
-        return isinstance(self.sources, TaskSources) and self.sources.seed == "paired"
+        return not isinstance(self.sources, tuple) and self.sources.seed == "paired"
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -160,6 +208,15 @@ def _misuses(scenario: Scenario, _: Path) -> Iterator[Problem]:
             yield Problem(path, message)
     yield from repeated(key, scenario.source_names)
     yield from repeated(("seeds",), scenario.seeds)
+    if catalogue.known(scenario.method) and suite.known(scenario.target):
+        for place, why in misfits_of(scenario, scenario.method, Changes(scenario.settings, scenario.rules)):
+            yield Problem(place, why, at_key=True)
+
+
+def misfits_of(scenario: Scenario, method: str, changes: Changes) -> Iterator[Misfit]:
+    """What can't be changed of a method's numbers where it learns the target."""
+    if changes.settings or changes.rules:
+        yield from unfit(method_of(method), load(scenario.target), scenario, changes)
 
 
 def repeated(key: KeyPath, values: tuple[Any, ...]) -> Iterator[Problem]:
@@ -202,6 +259,8 @@ def _advice(path: KeyPath, kind: str, written: str) -> str | None:
     match kind:
         case "string_type" if path[0] == "sources":
             return f"write policy-{written}" if number_of(f"policy-{written}", "policy") else ""
+        case "tuple_type" if written == "auto":
+            return "write {auto: 3}"
         case "tuple_type" if written == "paired":
             return "write {tasks: [BlockedDoor, GapBall], seed: paired}"
     return advice_on_seeds(path, kind, written)
@@ -232,7 +291,7 @@ def _in_file(path: KeyPath) -> KeyPath:
 _KIND = Kind(
     "scenario",
     Scenario,
-    {(): Scenario, ("sources",): TaskSources, ("similarity",): Similarity, ("guidance",): Guidance},
+    {(): Scenario, ("sources",): _KeysOfSources, ("similarity",): Similarity, ("guidance",): Guidance},
     _misuses,
     _in_file,
     _advice,

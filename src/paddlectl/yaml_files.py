@@ -111,6 +111,18 @@ def load_file(path: Path, kind: Kind[M]) -> M:
     raise reader.error(mark, message)
 
 
+def value_of(text: str) -> Any:
+    """A value as in a file: `1e-3`, `true`, `[64, 64]`, `{learning_rate: 1e-3}`.
+
+    Raises:
+        ValueError: If it isn't one.
+    """
+    try:
+        return _Reader("", text, "value").document()
+    except InvalidFileError as error:
+        raise ValueError(error.message.partition(": ")[2]) from None
+
+
 def unknown(kind: str, name: str, known: tuple[str, ...]) -> str:
     """`unknown task 'BoxDor'; did you mean 'BoxDoor'?`, or all that there are if none is near."""
     lowered = {other.lower(): other for other in known}
@@ -161,6 +173,7 @@ _SAID = {
     "float_type": "must be a number",
     "bool_type": "must be true or false",
     "tuple_type": "must be a list",
+    "dict_type": "must be a mapping of keys to values",
     "too_short": "must not be empty",
     "too_long": "has too many entries",
     "model_type": "must be a mapping of keys to values",

@@ -130,6 +130,9 @@ def test_completion_of_commands_tasks_policies_runs(registry: Registry) -> None:
         "policy-3",
         "policy-2",
         "policy-1",
+        "run-3",
+        "run-2",
+        "run-1",
     ]
     assert complete("paddlectl explain ", **where) == ["latest", "run-3"]
     assert complete("paddlectl compare --scenario ", **where) == ["A"]

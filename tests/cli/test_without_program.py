@@ -63,7 +63,9 @@ def test_it_is_listed_with_dashes(flat: Registry, command: Command) -> None:
 
 def test_it_is_shown_to_have_no_program(flat: Registry, command: Command) -> None:
     found = command("show", "BoxDoor", "--json").json
-    assert found == {"policy": "policy-1", "task": "BoxDoor", "clauses": [], "minimised": []}
+    program = {name: found[name] for name in ("policy", "task", "clauses", "minimised")}
+    assert program == {"policy": "policy-1", "task": "BoxDoor", "clauses": [], "minimised": []}
+    assert (found["settings"]["learner"]["entropy_coef"], found["unusual"]) == (0.05, [])
     assert command("show", "policy-1").out == "policy-1 for BoxDoor has no clause program.\n"
 
 

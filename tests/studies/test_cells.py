@@ -1,14 +1,20 @@
 """Which runs of a registry are a study's cells, and what is to be run for it."""
 
 import dataclasses
+import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy import update
 
 from entered import entered
+from paddlectl.errors import InvalidFileError
 from paddlectl.experiments.jobs import RandomJob, ResumeJob, TrainJob, TransferJob
+from paddlectl.experiments.runner import rules_of, settings_of
+from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
 from paddlectl.studies.cells import Cell, cells_of
 from paddlectl.studies.study import load_study
@@ -200,3 +206,63 @@ def test_what_failed_stops_nothing_else(registry: Registry, tmp_path: Path) -> N
     assert names(now) == failed
     assert names(now, *failed) == ["C paddle seed 3"]
     assert now.lacking(failed, failed) == {"A paddle seed 3": "its source failed: GapBall hdm seed 3"}
+
+
+OWN = "settings: {low_level: {clip: 0.1}, num_envs: 8}\nrules: {target_floor: 0, trials: 3}\n"
+
+
+def test_the_numbers_of_a_scenario_count_and_a_variants_go_over_them(
+    registry: Registry, tmp_path: Path
+) -> None:
+    (tmp_path / "own.yaml").write_text((ROOT / "scenarios" / "A.yaml").read_text() + OWN)
+    study = tmp_path / "study.yaml"
+    variants = "own: {}, other: {settings: {low_level: {clip: 0.3}}, rules: {trials: 4}}"
+    text = f"name: mine\nmethods: [paddle]\nseeds: 3\nframes: 1000\nvariants: {{{variants}}}\n"
+    study.write_text(f"{text}scenarios: [own.yaml]\n")
+    made = cells_of(load_study(study))
+    run_steps(registry, made)
+    own, other = (step.job for step in plan(registry, made).steps())
+    assert isinstance(own, TransferJob) and isinstance(other, TransferJob)
+    for job, clip, trials in ((own, 0.1, 3), (other, 0.3, 4)):
+        settings, rules = settings_of(job), rules_of(job)
+        assert (settings.num_envs, settings.low_level.clip) == (8, clip)
+        assert (rules.target_floor, rules.trials) == (0.0, trials)
+    plain = dataclasses.replace(own, scenario=own.scenario.model_copy(update={"settings": {}, "rules": {}}))
+    entered(registry, plain)
+    assert len(names(plan(registry, made))) == 2, "a run by the usual numbers is none of them"
+    typed = {"settings": {"low_level": {"clip": 0.1}, "num_envs": 8}, "rules": rules_of(own)}
+    entered(registry, dataclasses.replace(plain, changes=typed["settings"], rules=typed["rules"]))
+    assert names(plan(registry, made)) == [f"{made[1].name}"], "by --set the same as by the file"
+    run_steps(registry, made)
+    assert names(plan(registry, made)) == []
+
+
+def test_a_run_of_a_version_that_lacked_a_number_is_a_cell_still(registry: Registry, tmp_path: Path) -> None:
+    made = cells(tmp_path, "methods: [paddle, cup]\nseeds: 3\nframes: 1000")
+    while run_steps(registry, made):
+        pass
+    with registry.index.writing() as connection:
+        for run in registry.runs():
+            told = json.loads(json.dumps(run.settings))
+            learning = told["learning"]
+            for part in (learning.get("low_level"), learning.get("learner")):
+                assert part is None or part.pop("hidden")
+            learning.pop("critic_hidden", None)
+            row = update(runs).where(runs.c.id == int(run.id.removeprefix("run-")))
+            connection.execute(row.values(settings=json.dumps(told)))
+    assert names(plan(registry, made)) == []
+
+
+def test_a_study_learns_named_sources_by_numbers_that_all_its_methods_have(tmp_path: Path) -> None:
+    good, path = (ROOT / "scenarios" / "A.yaml").read_text(), tmp_path / "own.yaml"
+    for text, told in (
+        (good.replace("[BlockedDoor, GapBall]", "{auto: 2}"), "its sources are chosen (auto)"),
+        (f"{good}settings: {{low_level: {{clip: 0.1}}}}\n", "settings.low_level: cup: no setting low_level"),
+    ):
+        path.write_text(text)
+        study = tmp_path / "study.yaml"
+        study.write_text(
+            "name: mine\nmethods: [paddle, cup]\nseeds: 3\nscenarios: [own.yaml]\nvariants: {v: {}}\n"
+        )
+        with pytest.raises(InvalidFileError, match=re.escape(told)):
+            load_study(study)

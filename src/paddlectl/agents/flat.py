@@ -13,6 +13,7 @@ from paddlectl.agents.reuse import ReuseRecorder
 from paddlectl.learners.base import Actor, Learner, LearnerSettings
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.learners.ppo import PPOSettings
+from paddlectl.ranges import Environments, Frames, Positive, Steps
 from paddlectl.tasks.base import FRAMES, Environment, Step, Task
 
 
@@ -29,11 +30,11 @@ class FlatSettings:
         learner: The update rule's own.
     """
 
-    frames: int = FRAMES
-    num_envs: int = 64
-    rollout_steps: int = 32
-    action_repeat: int = 1
-    reward_unit: float = 1.0
+    frames: Frames = FRAMES
+    num_envs: Environments = 64
+    rollout_steps: Steps = 32
+    action_repeat: Steps = 1
+    reward_unit: Positive = 1.0
     learner: LearnerSettings = field(default_factory=PPOSettings)
 
 

@@ -1,6 +1,6 @@
 """Settings of a method: frozen dataclasses in each other, changed by name and brought back from JSON."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
@@ -42,7 +42,7 @@ def restored(usual: Any, stored: Any, name: str) -> Any:
         return tuple(restored(0, value, name) for value in stored)
     if kind_of(stored) is not kind_of(usual):
         raise ValueError(f"{name} can't be {str(stored)[:60]}")
-    return stored
+    return in_place_of(usual, stored)
 
 
 def kind_of(value: Any) -> type:
@@ -58,7 +58,28 @@ def changed(settings: Any, changes: Mapping[str, Any]) -> Any:
 
 
 def in_place_of(usual: Any, value: Any) -> Any:
-    """A value as settings have it: those within others are changed, lists are tuples."""
+    """A value as settings have it: those within others are changed, lists are tuples, 0 may be 0.0."""
     if isinstance(value, Mapping):
         return changed(usual, value)
+    if type(usual) is float and type(value) is int:
+        return float(value)
     return tuple(value) if isinstance(value, list) else value
+
+
+def leaves(settings: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Each setting by its name, those within others as `low_level.learning_rate`."""
+    if not is_dataclass(settings):
+        return
+    for each in fields(settings):
+        name, value = before + each.name, getattr(settings, each.name)
+        if is_dataclass(value):
+            yield from leaves(value, f"{name}.")
+        else:
+            yield name, value
+
+
+def with_defaults(settings: Any) -> Any:
+    """Settings of the same classes, each number as its class has it: what older versions did without it."""
+    inner = {each.name: getattr(settings, each.name) for each in fields(settings)}
+    given = {name: with_defaults(value) for name, value in inner.items() if is_dataclass(value)}
+    return type(settings)(**given)

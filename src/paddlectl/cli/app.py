@@ -29,7 +29,7 @@ COMMANDS = {
     "evaluate": "Play a policy on layouts that it never trained on.",
     "policies": "List the policies in the registry, newest first.",
     "runs": "List the runs in the registry, newest first.",
-    "show": "Show a policy's clause program: raw with probabilities, and minimised.",
+    "show": "Show a policy's clause program, raw and minimised, or a run; and by which numbers it learned.",
     "similarity": "Show Ψ: for each scene of the target the best scenes of each source, and their ψ.",
     "transfer": "Learn a scenario's target, guided by policies of its sources.",
     "sweep": "Run what is missing of a study, its sources included.",

@@ -214,6 +214,16 @@ StudyFrames = Annotated[
         show_default=False,
     ),
 ]
+Changed = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Another number for what learns here, not for its sources: low_level.learning_rate=1e-3,"
+        " rules.target_floor=0; repeat for more.",
+        show_default=False,
+    ),
+]
 ManySeeds = Annotated[
     str | None,
     typer.Option(

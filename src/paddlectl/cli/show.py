@@ -1,20 +1,44 @@
 """`paddlectl show`."""
 
-from paddlectl.cli.options import AsJson, PolicyName, RegistryPlace
+from typing import Annotated
+
+import typer
+
+from paddlectl.cli.options import AsJson, RegistryPlace, complete_held
 
 EXAMPLE = "Example: paddlectl show GapBall"
 
 
-def show(policy: PolicyName, registry: RegistryPlace = "registry", as_json: AsJson = False) -> None:
-    """Show a policy's clause program: raw with probabilities, and minimised."""
+def show(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="POLICY|RUN",
+            autocompletion=complete_held,
+            help="A policy's or a run's id, or a task's name for its best policy.",
+            show_default=False,
+        ),
+    ],
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Show a policy's clause program, raw and minimised, or a run; and by which numbers it learned."""
     from paddlectl.cli.named import policy_named
+    from paddlectl.registry.names import number_of
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.programs import program_document, program_parts
+    from paddlectl.report.settings import numbers, numbers_parts, run_document, run_parts
 
-    record = policy_named(Registry.open(registry, create=False), policy)
-    document = program_document(record)
+    opened = Registry.open(registry, create=False)
+    if number_of(name, "run") is not None:
+        document = run_document(opened.run(name))
+        parts = run_parts(document)
+    else:
+        record = policy_named(opened, name)
+        document = {**program_document(record), **numbers(opened.run(record.run))}
+        parts = [*program_parts(document), *numbers_parts(document, record.method)]
     if as_json:
         print_json(document)
     else:
-        print_text(program_parts(document))
+        print_text(parts)

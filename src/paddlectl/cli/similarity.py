@@ -49,19 +49,23 @@ def similarity(
     as_json: AsJson = False,
 ) -> None:
     """Show Ψ: for each scene of the target the best scenes of each source, and their ψ."""
+    from paddlectl.experiments.similar import most_similar
     from paddlectl.registry.store import Registry
     from paddlectl.report.mapping import mapping_parts
     from paddlectl.report.output import print_json, print_text
+    from paddlectl.report.tables import SIMILAR, table
     from paddlectl.tasks.suite import load
 
     body, head = weights(body_weight, head_weight)
     task = load(target)
     opened = Registry.open(registry, create=False)
-    document = similarity_document(task, sources_for(opened, task, source or ()), body, head)
+    policies = sources_for(opened, task, source or ())
+    overall = [each._asdict() for each in most_similar(opened, task, policies, body, head)]
+    document = similarity_document(task, policies, body, head)
     if as_json:
-        print_json(document)
+        print_json({**document, "overall": overall})
     else:
-        print_text(mapping_parts(document))
+        print_text([*mapping_parts(document), table(SIMILAR, overall, "Over all scenes of the target")])
 
 
 def weights(body: float | None, head: float | None) -> tuple[float, float]:
@@ -150,15 +154,9 @@ def similarity_document(
     target: "Task", sources: "Sequence[PolicyRecord]", body_weight: float, head_weight: float
 ) -> dict[str, Any]:
     """Ψ of the target's complete clause set (Algorithm 1) against the sources' programs."""
-    from paddlectl.logic.clauses import scenes_of
-    from paddlectl.logic.templates import all_clauses
-    from paddlectl.report.programs import stored_program
+    from paddlectl.experiments.similar import mapping_of
     from paddlectl.transfer.documents import mapping_document
-    from paddlectl.transfer.similarity import map_scenes
 
-    vocabulary = target.vocabulary
-    scenes = scenes_of(all_clauses(vocabulary.atoms, vocabulary.exclusions, target.subgoals))
-    programs = {policy.id: scenes_of(stored_program(policy).clauses) for policy in sources}
-    mapping = map_scenes(scenes, programs, body_weight, head_weight)
+    scenes, mapping = mapping_of(target, sources, body_weight, head_weight)
     solved = {policy.id: policy.task for policy in sources}
     return mapping_document(target.name, scenes, mapping, solved, body_weight, head_weight)

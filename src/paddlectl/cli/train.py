@@ -7,6 +7,7 @@ import typer
 from paddlectl.cli.options import (
     FRAMES,
     AsJson,
+    Changed,
     CheckpointEvery,
     Jobs,
     ManySeeds,
@@ -20,10 +21,12 @@ from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.methods.catalogue import ALONE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from paddlectl.cli.running import Ended
     from paddlectl.experiments.jobs import TrainJob
+    from paddlectl.methods.changes import Changes
+    from paddlectl.scenario import Scenario
     from paddlectl.tasks.base import Task
 
 EXAMPLE = "Example: paddlectl train BlockedDoor GapBall --seed 0"
@@ -59,6 +62,7 @@ def train(
         str,
         typer.Option(metavar="M", autocompletion=one_method_of(ALONE), help=f"By which: {', '.join(ALONE)}."),
     ] = "hdm",
+    changed: Changed = None,
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
@@ -71,7 +75,7 @@ def train(
     from paddlectl.report.tables import TRAINED, table
 
     with stdout_kept():
-        asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset, method)
+        asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset, method, changed or ())
     ended = run_training(asked, registry, checkpoint_every, jobs)
     if as_json:
         print_json({"runs": ended.rows, "failed": ended.documents()})
@@ -89,12 +93,21 @@ def train_jobs(
     frames: int | None = None,
     preset: str | None = None,
     method: str = "hdm",
+    changed: "Sequence[str]" = (),
 ) -> "list[TrainJob]":
     """One job for each task and seed, the tasks of one seed together.
 
+    Args:
+        tasks: Their names.
+        seeds: Of each.
+        frames: The budget; None is the usual one.
+        preset: Instead of the usual settings.
+        method: By which.
+        changed: What differs from them, as after `--set`.
+
     Raises:
         NotFoundError: If there is no such task, or the method has no such preset for one of them.
-        UsageError: If there is no such method, or it is none for a source.
+        UsageError: If there is no such method, or it is none for a source, or can't be changed so.
     """
     from paddlectl.methods.catalogue import alone, entry_of, require_actions
     from paddlectl.tasks.suite import load
@@ -108,11 +121,34 @@ def train_jobs(
 
     from paddlectl.experiments.jobs import TrainJob
 
+    changes = changes_for(method, known.values(), None, changed, preset)
     return [
-        TrainJob(task=name, seed=seed, frames=frames, preset=preset, method=method)
-        for seed in seeds
-        for name in known
+        TrainJob(name, seed, frames, changes.settings, preset, method) for seed in seeds for name in known
     ]
+
+
+def changes_for(
+    method: str,
+    tasks: "Iterable[Task]",
+    scenario: "Scenario | None",
+    given: "Sequence[str]",
+    preset: str | None = None,
+) -> "Changes":
+    """What `--set` changes of a method's numbers for tasks.
+
+    Raises:
+        UsageError: If they can't be changed so.
+    """
+    from paddlectl.methods.changes import Changes, require_fit, typed
+
+    if not given:  # and nothing that takes long to load
+        return Changes({}, {})
+    from paddlectl.methods.base import method_of
+
+    changes = typed(given)
+    for task in tasks:
+        require_fit(method_of(method), task, scenario, changes, preset)
+    return changes
 
 
 def _require_preset(method: str, task: "Task", preset: str | None) -> None:

@@ -9,6 +9,7 @@ import typer
 from paddlectl.cli.options import (
     FRAMES,
     AsJson,
+    Changed,
     CheckpointEvery,
     Jobs,
     ManySeeds,
@@ -19,13 +20,15 @@ from paddlectl.cli.options import (
     file_at,
     one_method_of,
 )
-from paddlectl.errors import NotFoundError
+from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.methods.catalogue import METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from paddlectl.cli.running import Asked
+    from paddlectl.experiments.sources import Sources
+    from paddlectl.methods.changes import Changes
     from paddlectl.registry.store import Registry
     from paddlectl.scenario import Scenario
 
@@ -63,6 +66,7 @@ def transfer(
             show_default=False,
         ),
     ] = None,
+    changed: Changed = None,
     train_missing: Annotated[
         bool, typer.Option("--train-missing", help="Train the sources that the registry lacks.")
     ] = False,
@@ -82,22 +86,47 @@ def transfer(
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
     method = scenario.method if method is None else method
     with stdout_kept():
-        sources = sources_of(scenario, method, chosen, registry, train_missing, jobs)
-    if any(sources.values()):
-        print(plan_of(sources), file=sys.stderr)
+        changes = changes_of(scenario, method, changed or ())
+        found = sources_of(scenario, method, chosen, registry, train_missing, jobs)
+    if any(found.ids.values()):
+        print(plan_of(found), file=sys.stderr)
     with stdout_kept():
         from paddlectl.cli.running import run
 
-        asked = asked_for(scenario, sources, method, frames or scenario.frames)
+        asked = asked_for(scenario, found.ids, method, frames or scenario.frames, changes)
         ended = run(asked, registry, checkpoint_every, jobs)
     if as_json:
-        told = {"scenario": scenario.name, "target": scenario.target}
+        why = [{"seed": seed, **each._asdict()} for seed, its in found.why.items() for each in its]
+        told = {"scenario": scenario.name, "target": scenario.target, **({"chosen": why} if why else {})}
         print_json({**told, "runs": ended.rows, "failed": ended.documents()})
     elif ended.rows:
         title = f"Scenario {scenario.name}: {scenario.target}"
         next_one = here(f"next: paddlectl explain {ended.rows[0]['run']}")
         print_text([table(TRANSFERRED, ended.rows, title), next_one])
     ended.require_all()
+
+
+def changes_of(scenario: "Scenario", method: str, given: "Sequence[str]") -> "Changes":
+    """What `--set` changes, over what the scenario does.
+
+    Raises:
+        UsageError: If the method's numbers can't be changed so; or not as the scenario says, as it is for
+            another method.
+    """
+    from paddlectl.cli.train import changes_for
+    from paddlectl.methods.catalogue import require_actions
+    from paddlectl.methods.changes import Changes
+    from paddlectl.scenario import misfits_of
+    from paddlectl.tasks.suite import load
+
+    target = load(scenario.target)
+    require_actions(method, target)
+    for place, why in misfits_of(scenario, method, Changes(scenario.settings, scenario.rules)):
+        raise UsageError(
+            f"{scenario.name} sets {'.'.join(place)} for {scenario.method}: {method}: {why}",
+            f"leave out --method, or {place[0]} in the file",
+        )
+    return changes_for(method, [target], scenario, given)
 
 
 def sources_of(
@@ -107,8 +136,8 @@ def sources_of(
     location: str,
     train_missing: bool,
     at_a_time: int | None = None,
-) -> "Mapping[int, tuple[str, ...]]":
-    """Seed -> ids of the policies that its transfer reuses; what is missing is trained if that was asked for.
+) -> "Sources":
+    """The policies that each seed's transfer reuses; what is missing is trained if that was asked for.
 
     Raises:
         NotFoundError: If a policy is missing and isn't to be trained.
@@ -119,11 +148,14 @@ def sources_of(
     with _opened(scenario, method, seeds, location, train_missing) as registry:
         found = resolve(registry, scenario, method, seeds)
         if not (found.missing and train_missing):
-            return found.required()
+            found.required()
+            return found
         from paddlectl.cli.train import run_training
 
         run_training(found.missing, location, at_a_time=at_a_time).require_all()
-        return resolve(registry, scenario, method, seeds).required()
+        found = resolve(registry, scenario, method, seeds)
+        found.required()
+        return found
 
 
 def _opened(
@@ -144,21 +176,26 @@ def _opened(
     if teaches is None:
         return Registry.open(location)
     try:
-        return Registry.open(location, create=train_missing and not any(map(is_id, scenario.source_names)))
+        learned = scenario.chosen or any(map(is_id, scenario.source_names))
+        return Registry.open(location, create=train_missing and not learned)
     except NotFoundError as error:
         lacking = unlearned(scenario, teaches, seeds)
         hint = f"run: {lacking.command()}" if lacking.missing else error.hint
         raise NotFoundError(error.message, hint) from None
 
 
-def plan_of(sources: "Mapping[int, tuple[str, ...]]") -> str:
-    """Which policies are reused, by the seeds of the transfers: `sources: policy-1, policy-2 (seed 0); …`."""
+def plan_of(sources: "Sources") -> str:
+    """Which policies are reused, by the seeds of the transfers: `sources: policy-1, policy-2 (seed 0); …`.
+
+    Those that were chosen stand with their task and ψ.
+    """
     from paddlectl.cli.running import MOST_NAMED
     from paddlectl.whole import ranges
 
     seeds: dict[tuple[str, ...], list[int]] = {}
-    for seed, ids in sources.items():
-        seeds.setdefault(ids, []).append(seed)
+    for seed, ids in sources.ids.items():
+        named = tuple(map(str, sources.why[seed])) if sources.why else ids
+        seeds.setdefault(named, []).append(seed)
     if len(seeds) == 1:
         return f"sources: {', '.join(*seeds)}"
     told = [f"{', '.join(ids)} (seed {ranges(its)})" for ids, its in list(seeds.items())[:MOST_NAMED]]
@@ -167,12 +204,24 @@ def plan_of(sources: "Mapping[int, tuple[str, ...]]") -> str:
 
 
 def asked_for(
-    scenario: "Scenario", sources: "Mapping[int, tuple[str, ...]]", method: str, frames: int
+    scenario: "Scenario",
+    sources: "Mapping[int, tuple[str, ...]]",
+    method: str,
+    frames: int,
+    changes: "Changes",
 ) -> "list[Asked]":
     """A job for each seed."""
+    from dataclasses import replace
+
+    from paddlectl.agents.settings import changed
     from paddlectl.cli.running import Asked
     from paddlectl.experiments.jobs import TransferJob
+    from paddlectl.experiments.runner import rules_of
 
     jobs = [TransferJob(scenario, ids, method, seed, frames) for seed, ids in sources.items()]
+    if changes.rules:
+        rules = changed(rules_of(jobs[0]), changes.rules)
+        jobs = [replace(job, rules=rules) for job in jobs]
+    jobs = [replace(job, changes=changes.settings) for job in jobs]
     name = f"{scenario.name} {method} seed"
     return [Asked(job, f"{name} {job.seed}", "transfer", method, scenario.target, frames) for job in jobs]

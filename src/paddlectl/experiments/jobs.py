@@ -31,8 +31,8 @@ class TransferJob:
     """Run a scenario once; `sources` are policy ids.
 
     Attributes:
-        rules: By which sources are reused; None are those that fit the task.
-        changes: As for a `TrainJob`.
+        rules: By which sources are reused; None are those of the scenario.
+        changes: As for a `TrainJob`, over those of the scenario.
     """
 
     scenario: Scenario

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 
 from paddlectl.agents.interaction import Learning
-from paddlectl.agents.settings import changed
-from paddlectl.errors import IntegrityError, InvalidFileError
+from paddlectl.agents.settings import changed, leaves
 from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.curves import LearningCurve
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.log import RunLog, ended_episodes, recorded, versions
 from paddlectl.experiments.policies import keep, revive
-from paddlectl.logic.syntax import parse_program
+from paddlectl.experiments.similar import stored_program
 from paddlectl.methods.base import Method, Setup, Source, method_of
 from paddlectl.methods.catalogue import entry_of, require_actions
+from paddlectl.methods.changes import RULES
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
@@ -41,6 +41,7 @@ def train_source(
     task, method = load(job.task), method_of(job.method)
     require_actions(method.name, task)
     settings, frames = settings_of(job), budget_of(job)
+    differing = differences(method.settings_for(task, None), settings)
     checkpointer = checkpointer or Checkpointer()
     run = checkpointer.begin(
         registry,
@@ -51,7 +52,12 @@ def train_source(
             scenario=None,
             sources=(),
             seed=job.seed,
-            settings={"frames": frames, "preset": job.preset, "learning": dataclasses.asdict(settings)},
+            settings={
+                "frames": frames,
+                "preset": job.preset,
+                "learning": dataclasses.asdict(settings),
+                "unusual": differing,
+            },
             versions=versions(),
         ),
     )
@@ -73,16 +79,34 @@ def train_source(
     }
 
 
-def settings_of(job: TrainJob) -> Any:
-    """The method's numbers that a source is learned by.
+def settings_of(job: TrainJob | TransferJob) -> Any:
+    """The method's numbers that a task is learned by.
 
     Raises:
         KeyError: If the method has no such preset for the task.
     """
-    task, method = load(job.task), method_of(job.method)
+    method = method_of(job.method)
+    if isinstance(job, TransferJob):
+        scenario = job.scenario
+        return method.settings_for(load(scenario.target), scenario, scenario.settings, job.changes)
+    task = load(job.task)
     if job.preset is None:
         return method.settings_for(task, None, job.changes)
     return changed(method.presets(task)[job.preset], job.changes)
+
+
+def rules_of(job: TransferJob) -> Any:
+    """By which the method reuses sources; None if its settings tell all."""
+    if job.rules:
+        return job.rules
+    rules = method_of(job.method).rules_for(load(job.scenario.target))
+    return changed(rules, job.scenario.rules) if job.scenario.rules else rules
+
+
+def differences(usual: Any, own: Any, before: str = "") -> dict[str, Any]:
+    """What differs from usual settings or rules: each name as after `--set`, with the usual value."""
+    chosen = dict(leaves(own))
+    return {before + name: value for name, value in leaves(usual) if chosen[name] != value}
 
 
 def budget_of(job: TrainJob) -> int:
@@ -106,8 +130,9 @@ def run_transfer(
     """
     task, method = load(job.scenario.target), method_of(job.method)
     require_actions(method.name, task)
-    settings = method.settings_for(task, job.scenario, job.changes)
-    rules = job.rules or method.rules_for(task)
+    settings, rules = settings_of(job), rules_of(job)
+    differing = differences(method.settings_for(task, job.scenario), settings)
+    differing |= differences(method.rules_for(task), rules, f"{RULES}.")
     reused = job.sources if entry_of(method.name).teaches else ()
     checkpointer = checkpointer or Checkpointer()
     run = checkpointer.begin(
@@ -124,6 +149,7 @@ def run_transfer(
                 "scenario": job.scenario.model_dump(mode="json"),
                 "learning": dataclasses.asdict(settings),
                 "rules": rules and dataclasses.asdict(rules),
+                "unusual": differing,
             },
             versions=versions(),
         ),
@@ -189,13 +215,7 @@ def _keep_documents(registry: Registry, run: RunRecord, documents: Any) -> None:
 
 def _source(registry: Registry, policy: str) -> Source:
     record = registry.policy(policy)
-    try:
-        program = None if record.program is None else parse_program(record.program)
-    except InvalidFileError as error:
-        raise IntegrityError(
-            f"the program of {record.id} is damaged: {error.message}",
-            f"train it again: paddlectl train {record.task}",
-        ) from error
+    program = None if record.program is None else stored_program(record)
     return Source(record.id, revive(registry, record), program)
 
 

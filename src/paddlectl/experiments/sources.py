@@ -1,17 +1,20 @@
-"""Which policies a scenario reuses: those that it names, and of its tasks the best, or that of each seed."""
+"""Which policies a scenario reuses: those named, of tasks the best or each seed's, or the most similar."""
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 from paddlectl import whole
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.experiments.jobs import TrainJob
+from paddlectl.experiments.similar import Similar, most_similar
 from paddlectl.methods.catalogue import teacher_of
 from paddlectl.registry.names import number_of
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
-from paddlectl.tasks.suite import known, load
+from paddlectl.tasks.base import Task
+from paddlectl.tasks.suite import known, load, usable
 
 ANY = 0
 """The seed to learn with where any will do."""
@@ -24,11 +27,13 @@ class Sources(NamedTuple):
         ids: Seed of the transfer -> ids of its sources, in the scenario's order; empty if any is missing.
         missing: What would learn the policies that the registry lacks.
         paired: Whether their seeds matter.
+        why: Seed of the transfer -> why its sources were chosen; empty if they are named.
     """
 
     ids: Mapping[int, tuple[str, ...]]
     missing: Sequence[TrainJob]
     paired: bool
+    why: Mapping[int, Sequence[Similar]] = MappingProxyType({})
 
     def required(self) -> Mapping[int, tuple[str, ...]]:
         """The ids.
@@ -72,10 +77,10 @@ class Sources(NamedTuple):
 def resolve(registry: Registry, scenario: Scenario, method: str, seeds: Sequence[int]) -> Sources:
     """The policies that a scenario's transfers by a method reuse, each learned by the method that teaches it.
 
-    A paired seed reuses the newest policy of each task that was learned with that seed.
+    A paired seed reuses the newest policy of each task that was learned with that seed, by usual numbers.
 
     Raises:
-        NotFoundError: If there is no policy of an id that the scenario names.
+        NotFoundError: If there is no policy of an id that the scenario names, or there are too few to choose.
         UsageError: If that policy can't be reused, or is the best one of a task beside it; or if there is no
             such method, or it can't learn the target.
     """
@@ -83,8 +88,10 @@ def resolve(registry: Registry, scenario: Scenario, method: str, seeds: Sequence
     teaches = teacher_of(method, target)
     if teaches is None:
         return Sources(dict.fromkeys(seeds, ()), (), scenario.paired)
+    if scenario.chosen:
+        return _chosen(registry, scenario, target, teaches, seeds)
     if scenario.paired:
-        known = {task: registry.newest_by_seed(task, teaches) for task in scenario.source_names}
+        known = {task: _by_seed(registry, task, teaches) for task in scenario.source_names}
         return _sources(scenario, teaches, seeds, known)
     solved = registry.solved(method=teaches)
     ids: dict[str, str] = {}
@@ -103,6 +110,7 @@ def resolve(registry: Registry, scenario: Scenario, method: str, seeds: Sequence
 def unlearned(scenario: Scenario, teaches: str, seeds: Sequence[int]) -> Sources:
     """The same where there is no registry yet: all tasks are missing."""
     tasks = [name for name in scenario.source_names if number_of(name, "policy") is None]
+    tasks += _others(load(scenario.target))[: scenario.chosen]
     return _sources(scenario, teaches, seeds, {task: {} for task in tasks})
 
 
@@ -118,6 +126,78 @@ def _sources(
     ]
     ids = {} if missing else {seed: tuple(by_seed[seed] for by_seed in known.values()) for seed in seeds}
     return Sources(ids, missing, scenario.paired)
+
+
+def _by_seed(registry: Registry, task: str, teaches: str) -> dict[int, str]:
+    """Seed -> the newest policy of a task that was learned with it by the usual numbers of its time."""
+    newest: dict[int, str] = {}
+    for policy, seed, settings in registry.learned(task, teaches):
+        if not settings.get("unusual"):
+            newest.setdefault(seed, policy)
+    return newest
+
+
+def _chosen(
+    registry: Registry, scenario: Scenario, target: Task, teaches: str, seeds: Sequence[int]
+) -> Sources:
+    """The most similar policies of other tasks, as many as the scenario asks for.
+
+    Raises:
+        NotFoundError: If there are fewer; with the commands that learn more.
+    """
+    solved = set(registry.solved(target.domain, teaches))
+    tasks = [task for task in _others(target) if task in solved]
+    if scenario.paired:
+        by_task = {task: _by_seed(registry, task, teaches) for task in tasks}
+        there = {seed: {t: ids[seed] for t, ids in by_task.items() if seed in ids} for seed in seeds}
+    else:
+        there = {ANY: {task: registry.policy(task, teaches).id for task in tasks}}
+    weights = scenario.similarity
+    found = {
+        seed: most_similar(
+            registry, target, map(registry.policy, ids.values()), weights.body_weight, weights.head_weight
+        )
+        for seed, ids in there.items()
+    }
+    if few := {seed: len(its) for seed, its in found.items() if len(its) < scenario.chosen}:
+        of = f" with seed{'s' * (len(few) > 1)} {whole.ranges(few)}" if scenario.paired else ""
+        raise NotFoundError(
+            f"auto: {scenario.chosen} policies by {teaches}{of} are to be chosen of {min(few.values())}",
+            _way_to_more(registry, scenario, target, teaches, {seed: there[seed] for seed in few}),
+        )
+    why = {seed: found[seed if scenario.paired else ANY][: scenario.chosen] for seed in seeds}
+    ids = {seed: tuple(each.policy for each in its) for seed, its in why.items()}
+    return Sources(ids, (), scenario.paired, why)
+
+
+def _way_to_more(
+    registry: Registry,
+    scenario: Scenario,
+    target: Task,
+    teaches: str,
+    lacking: Mapping[int, Mapping[str, str]],
+) -> str:
+    """The commands that learn what there is too little of, for seeds that have these policies by task."""
+    others = _others(target)
+    if len(others) < scenario.chosen:
+        return f"write auto: {len(others)} at most: {target.domain} has no more tasks beside {target.name}"
+    by_clauses = teacher_of("paddle", target)
+    compared = set(registry.solved(target.domain, by_clauses))
+    programs: dict[str, TrainJob] = {}
+    jobs: list[TrainJob] = []
+    for seed, there in lacking.items():
+        nearest_first = sorted(others, key=there.__contains__, reverse=True)
+        wanted = sorted(nearest_first, key=compared.__contains__, reverse=True)[: scenario.chosen]
+        jobs += [TrainJob(task, seed, method=teaches) for task in wanted if task not in there]
+        if teaches != by_clauses:
+            programs |= {task: TrainJob(task, ANY) for task in wanted if task not in compared}
+    commands = [Sources({}, [*programs.values()], False), Sources({}, jobs, scenario.paired)]
+    return f"run: {', then '.join(each.command() for each in commands if each.missing)}"
+
+
+def _others(target: Task) -> list[str]:
+    """The other tasks of a target's domain."""
+    return [task.name for task in usable() if task.domain == target.domain and task.name != target.name]
 
 
 def _named(registry: Registry, name: str, scenario: Scenario, method: str, teaches: str) -> PolicyRecord:

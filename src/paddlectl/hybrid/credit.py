@@ -10,6 +10,7 @@ from paddlectl.hybrid.rollout import PROGRESS, Outcome
 from paddlectl.hybrid.semi_markov import SemiMarkovModel, Table
 from paddlectl.learners.buffers import TARGET
 from paddlectl.learners.clauses import ClauseLearner
+from paddlectl.ranges import AtLeastOne, Count, NotNegative
 from paddlectl.tasks.base import Bools, Floats, Ints
 
 
@@ -39,12 +40,12 @@ class CreditSettings:
     """
 
     planned: bool = True
-    memory: float = 500.0
-    prior: float = 3.0
-    sweeps: int = 60
-    steps: int = 8
-    imitation_margin: float = 0.0
-    batch: int = 16
+    memory: AtLeastOne = 500.0
+    prior: NotNegative = 3.0
+    sweeps: Count = 60
+    steps: Count = 8
+    imitation_margin: NotNegative = 0.0
+    batch: Count = 16
 
 
 class ModelBasedCredit:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from paddlectl.learners.base import Actor
 from paddlectl.learners.buffers import TARGET, RolloutBuffer
+from paddlectl.ranges import Finite, NotNegative, Positive, Share, Steps
 from paddlectl.tasks.base import Bools, Environment, Floats, Ints, Step
 
 PROGRESS = 6
@@ -41,13 +42,13 @@ class DecisionSettings:
             leaves the best policy as it is, and tells the low level at each step whether it comes nearer.
     """
 
-    max_steps: int = 50
-    patience: float = 0.3
-    reward_unit: float = 1.0
-    reached_reward: float = 1.0
-    delay_cost: float = 0.5
-    failed_reward: float = -0.1
-    shaping: float = 0.0
+    max_steps: Steps = 50
+    patience: Share = 0.3
+    reward_unit: Positive = 1.0
+    reached_reward: Finite = 1.0
+    delay_cost: Finite = 0.5
+    failed_reward: Finite = -0.1
+    shaping: NotNegative = 0.0
 
 
 class Outcome(NamedTuple):

@@ -12,6 +12,7 @@ from paddlectl.learners.base import LearnerSettings
 from paddlectl.learners.clauses import ClauseSettings
 from paddlectl.learners.ppo import PPOSettings
 from paddlectl.learners.td3 import TD3Settings
+from paddlectl.ranges import Environments, Frames, NotNegative, Steps
 from paddlectl.tasks.base import FRAMES, Task
 from paddlectl.tasks.maze2d.layouts import COLUMNS, RADIUS, ROWS
 
@@ -29,11 +30,11 @@ class HybridSettings:
         sharpness: Power of the subgoal probabilities when a learned program is played.
     """
 
-    frames: int = FRAMES
-    num_envs: int = 64
-    rollout_steps: int = 32
-    action_repeat: int = 1
-    sharpness: float = 3.0
+    frames: Frames = FRAMES
+    num_envs: Environments = 64
+    rollout_steps: Steps = 32
+    action_repeat: Steps = 1
+    sharpness: NotNegative = 3.0
     credit: CreditSettings = field(default_factory=CreditSettings)
     clauses: ClauseSettings = field(default_factory=ClauseSettings)
     low_level: LearnerSettings = field(default_factory=PPOSettings)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from paddlectl.learners.networks import gradient_step
 from paddlectl.logic.atoms import Atom, Literal
 from paddlectl.logic.clauses import Body
+from paddlectl.ranges import NotNegative, Positive, PositiveShare, Share
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,12 @@ class ClauseSettings:
         baseline_step: Smallest step of the running mean return of a scene.
     """
 
-    learning_rate: float = 0.05
-    discount: float = 0.95
-    step_discount: float = 0.997
-    entropy_coef: float = 0.005
-    initial_deviation: float = 0.1
-    baseline_step: float = 0.02
+    learning_rate: Positive = 0.05
+    discount: Share = 0.95
+    step_discount: Share = 0.997
+    entropy_coef: NotNegative = 0.005
+    initial_deviation: NotNegative = 0.1
+    baseline_step: PositiveShare = 0.02
 
     def discounts(self, steps: NDArray[np.intp]) -> NDArray[np.float64]:
         """γ of decisions that took `steps` steps. [n]"""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
-from paddlectl.learners.networks import mlp
+from paddlectl.learners.networks import HIDDEN, mlp
 
 
 class Composition(NamedTuple):
@@ -39,11 +39,19 @@ class CompoNet(nn.Module):
         size: F, numbers in a state.
         actions: A.
         width: d, of queries, keys and the input head's values.
+        hidden: Units of each layer of the internal policy.
     """
 
     places: torch.Tensor
 
-    def __init__(self, sources: Sequence[nn.Module], size: int, actions: int, width: int) -> None:
+    def __init__(
+        self,
+        sources: Sequence[nn.Module],
+        size: int,
+        actions: int,
+        width: int,
+        hidden: tuple[int, ...] = HIDDEN,
+    ) -> None:
         super().__init__()
         self.sources = nn.ModuleList(sources).requires_grad_(False)
         self.out_query = nn.Linear(size, width)
@@ -51,7 +59,7 @@ class CompoNet(nn.Module):
         self.in_query = nn.Linear(size, width)
         self.in_key = nn.Linear(actions, width)
         self.in_value = nn.Linear(actions, width)
-        self.internal = mlp(width + size, actions, output_gain=0.01)
+        self.internal = mlp(width + size, actions, hidden=hidden, output_gain=0.01)
         self.register_buffer("places", encoded_places(len(sources) + 1, actions), persistent=False)
 
     def forward(self, states: torch.Tensor) -> torch.Tensor:

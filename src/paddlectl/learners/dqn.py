@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from torch.nn import functional
 
 from paddlectl.learners.buffers import RolloutBuffer
-from paddlectl.learners.networks import gradient_step, load_named, mlp
+from paddlectl.learners.networks import HIDDEN, gradient_step, load_named, mlp
+from paddlectl.ranges import Count, Hidden, Kept, Positive, PositiveShare, Share, Steps
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.intp]
@@ -34,19 +35,21 @@ class DQNSettings:
         final_exploration: ε once `exploration_share` of the budget is used up; it falls in a straight line.
         exploration_share: See there.
         max_gradient_norm: Cut-off of the gradient.
+        hidden: Units of each layer.
     """
 
-    learning_rate: float = 5e-4
-    discount: float = 0.99
-    batch: int = 256
-    capacity: int = 100_000
-    warm_up: int = 1000
-    update_every: int = 8
-    refresh_every: int = 250
-    exploration: float = 1.0
-    final_exploration: float = 0.05
-    exploration_share: float = 0.1
-    max_gradient_norm: float = 10.0
+    learning_rate: Positive = 5e-4
+    discount: Share = 0.99
+    batch: Count = 256
+    capacity: Kept = 100_000
+    warm_up: Count = 1000
+    update_every: Count = 8
+    refresh_every: Count = 250
+    exploration: Share = 1.0
+    final_exploration: Share = 0.05
+    exploration_share: PositiveShare = 0.1
+    max_gradient_norm: Positive = 10.0
+    hidden: Hidden = HIDDEN
 
 
 class Batch(NamedTuple):
@@ -82,7 +85,7 @@ class DQN:
         self.rng = np.random.default_rng(seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.online = mlp(size, actions, output_gain=0.1)
+            self.online = mlp(size, actions, hidden=settings.hidden, output_gain=0.1)
         self.slow = deepcopy(self.online).requires_grad_(False)
         self.optimiser = torch.optim.Adam(self.online.parameters(), lr=settings.learning_rate)
         self.exploration = settings.exploration
@@ -190,13 +193,13 @@ class StepDQNSettings(DQNSettings):
         noise: ε once it has learned: who is greedy alone now and then gets stuck.
     """
 
-    batch: int = 128
-    capacity: int = 50_000
-    update_every: int = 16
-    exploration_share: float = 0.25
-    returns: int = 5
-    final_rate: float = 0.1
-    noise: float = 0.05
+    batch: Count = 128
+    capacity: Kept = 50_000
+    update_every: Count = 16
+    exploration_share: PositiveShare = 0.25
+    returns: Steps = 5
+    final_rate: Share = 0.1
+    noise: Share = 0.05
 
     def learner(self, observation_size: int, actions: int, seed: int) -> "StepDQN":
         """A new learner with these settings."""

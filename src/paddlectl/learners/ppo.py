@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from torch import nn
 
 from paddlectl.learners.buffers import TARGET, RolloutBuffer, generalised_advantages
-from paddlectl.learners.networks import gradient_step, load_named, mlp
+from paddlectl.learners.networks import HIDDEN, gradient_step, load_named, mlp
+from paddlectl.ranges import Count, Hidden, NotNegative, Positive, Share
 
 Guidance = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 """A loss to add to the actor's, of the places [n] of a minibatch's samples in the flattened block, [T * B],
 and of the actor's log-probabilities there [n, A]."""
-
-ALMOST_UNIFORM = partial(mlp, output_gain=0.01)
-"""The network of an actor that has no preferences yet."""
 
 
 @dataclass(frozen=True)
@@ -39,20 +37,22 @@ class PPOSettings:
         max_gradient_norm: Cut-off of the gradient.
         clone_coef: Weight of the log-likelihood of guided actions that reached their subgoal.
         sharpness: Power of the action probabilities once it has learned.
+        hidden: Units of each layer, of both networks.
     """
 
-    learning_rate: float = 5e-4
-    final_rate: float = 0.05
-    discount: float = 0.99
-    trace_decay: float = 0.95
-    clip: float = 0.2
-    entropy_coef: float = 0.01
-    value_coef: float = 0.5
-    epochs: int = 4
-    minibatch: int = 512
-    max_gradient_norm: float = 0.5
-    clone_coef: float = 0.5
-    sharpness: float = 2.0
+    learning_rate: Positive = 5e-4
+    final_rate: Share = 0.05
+    discount: Share = 0.99
+    trace_decay: Share = 0.95
+    clip: Positive = 0.2
+    entropy_coef: NotNegative = 0.01
+    value_coef: NotNegative = 0.5
+    epochs: Count = 4
+    minibatch: Count = 512
+    max_gradient_norm: Positive = 0.5
+    clone_coef: NotNegative = 0.5
+    sharpness: NotNegative = 2.0
+    hidden: Hidden = HIDDEN
 
     def learner(self, observation_size: int, actions: int, seed: int) -> "PPO":
         """A new learner with these settings."""
@@ -66,7 +66,7 @@ class PPOEvalActor(NamedTuple):
 
 
 class PPO:
-    """A discrete actor and a critic, each with its own 3×400 network.
+    """A discrete actor and a critic, each with its own network.
 
     Learns from the target's own samples by the clipped surrogate, and from those of its guides that
     reached their subgoal by cloning.
@@ -76,7 +76,7 @@ class PPO:
         actions: A.
         seed: Of the networks, and of the minibatches.
         settings: The numbers.
-        actor: Makes the network of the A logits from D and A.
+        actor: Makes the network of the A logits from D and A; None is one that has no preferences yet.
     """
 
     def __init__(
@@ -85,14 +85,16 @@ class PPO:
         actions: int,
         seed: int,
         settings: PPOSettings | None = None,
-        actor: Callable[[int, int], nn.Module] = ALMOST_UNIFORM,
+        actor: Callable[[int, int], nn.Module] | None = None,
     ) -> None:
         self.settings = settings or PPOSettings()
         self.rng = np.random.default_rng(seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
+            hidden = self.settings.hidden
+            actor = actor or partial(mlp, hidden=hidden, output_gain=0.01)
             self.actor = actor(observation_size, actions)
-            self.critic = mlp(observation_size, 1)
+            self.critic = mlp(observation_size, 1, hidden=hidden)
         self.optimiser = torch.optim.RMSprop(
             [*self.actor.parameters(), *self.critic.parameters()],
             lr=self.settings.learning_rate,

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -15,6 +15,18 @@ from paddlectl.learners.buffers import TARGET, RolloutBuffer
 from paddlectl.learners.exploration import GoalExploration, HeldActions, Novelty
 from paddlectl.learners.networks import HIDDEN, GoalFeatures, gradient_step, load_named, mlp
 from paddlectl.learners.replay import Hindsight, Replay, Transitions
+from paddlectl.ranges import (
+    AtLeastOne,
+    Count,
+    Hidden,
+    Kept,
+    Many,
+    NotNegative,
+    Positive,
+    PositiveShare,
+    Range,
+    Share,
+)
 
 Floats = NDArray[np.float32]
 
@@ -73,37 +85,37 @@ class TD3Settings:
         saturation: See there.
     """
 
-    learning_rate: float = 2e-4
-    optimiser: str = "rmsprop"
-    discount: float = 0.99
-    batch: int = 256
-    update_every: int = 2
-    policy_delay: int = 2
-    policy_noise: float = 0.2
-    noise_clip: float = 0.5
-    exploration: float = 0.1
-    tau: float = 0.005
-    hidden: tuple[int, ...] = HIDDEN
-    warm_up: int = 1000
-    capacity: int = 1_000_000
-    final_rate: float = 1.0
+    learning_rate: Positive = 2e-4
+    optimiser: Literal["rmsprop", "adam"] = "rmsprop"
+    discount: Share = 0.99
+    batch: Count = 256
+    update_every: Count = 2
+    policy_delay: Count = 2
+    policy_noise: NotNegative = 0.2
+    noise_clip: NotNegative = 0.5
+    exploration: NotNegative = 0.1
+    tau: PositiveShare = 0.005
+    hidden: Hidden = HIDDEN
+    warm_up: Count = 1000
+    capacity: Kept = 1_000_000
+    final_rate: Share = 1.0
     cloning: bool = False
     normalised: bool = False
-    random_actions: float = 0.0
-    random_steps: float = 1.0
-    novelty: float = 0.0
-    goal_exploration: float = 0.0
-    goal_exploration_steps: float = 12.0
-    goal_size: int = 0
-    radius: float = 0.0
-    goal_reward: float = 1.0
-    grid: tuple[int, ...] = ()
-    hindsight: float = 0.0
-    other_goals: float = 0.0
-    span: int = 50
+    random_actions: Share = 0.0
+    random_steps: AtLeastOne = 1.0
+    novelty: NotNegative = 0.0
+    goal_exploration: Share = 0.0
+    goal_exploration_steps: AtLeastOne = 12.0
+    goal_size: Annotated[int, Range(0, 16)] = 0
+    radius: NotNegative = 0.0
+    goal_reward: NotNegative = 1.0
+    grid: Annotated[tuple[int, ...], Many(Range(1, 1000), most=4)] = ()
+    hindsight: Share = 0.0
+    other_goals: Share = 0.0
+    span: Count = 50
     lower_bound: bool = False
-    saturation_cost: float = 0.0
-    saturation: float = 1.5
+    saturation_cost: NotNegative = 0.0
+    saturation: NotNegative = 1.5
 
     def learner(self, observation_size: int, actions: int, seed: int) -> "TD3":
         """A new learner with these settings."""

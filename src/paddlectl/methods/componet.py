@@ -10,18 +10,20 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 
 from paddlectl.agents.flat import FlatPolicy, FlatSettings, ReusingAgent
 from paddlectl.agents.settings import changed, restored
+from paddlectl.errors import UsageError
 from paddlectl.learners.componet import CompoNet, Composition
-from paddlectl.learners.networks import mlp
+from paddlectl.learners.networks import HIDDEN, mlp
 from paddlectl.learners.ppo import PPO, PPOSettings
 from paddlectl.methods import flat
 from paddlectl.methods.base import Method, Setup, require_sources
+from paddlectl.ranges import Hidden, Range
 from paddlectl.tasks.base import Environment, Floats, Task
 
 TOLD_EVERY = 8
@@ -35,10 +37,12 @@ class CompoNetSettings(PPOSettings):
     Attributes:
         modules: Frozen sources. A scenario has so many, and the policy is revived with so many.
         width: Of the attention's queries and keys.
+        source_hidden: Units of each layer of the sources, which must be alike.
     """
 
-    modules: int = 0
-    width: int = 400
+    modules: Annotated[int, Range(0, 100)] = 0
+    width: Annotated[int, Range(1, 10**4)] = 400
+    source_hidden: Hidden = HIDDEN
 
     def learner(self, observation_size: int, actions: int, seed: int) -> PPO:
         """PPO of a module; what its sources know is yet to be put in."""
@@ -46,8 +50,8 @@ class CompoNetSettings(PPOSettings):
 
 
 def _module(settings: CompoNetSettings, size: int, actions: int) -> CompoNet:
-    sources = [mlp(size, actions) for _ in range(settings.modules)]
-    return CompoNet(sources, size, actions, settings.width)
+    sources = [mlp(size, actions, hidden=settings.source_hidden) for _ in range(settings.modules)]
+    return CompoNet(sources, size, actions, settings.width, settings.hidden)
 
 
 USUAL = replace(flat.USUAL["ppo"], learner=CompoNetSettings(**asdict(flat.PPO_ALONE)))
@@ -107,9 +111,18 @@ def make(setup: Setup) -> CompoNetAgent:
     """A module that has learned nothing, over the scenario's sources.
 
     Raises:
-        UsageError: If there isn't a policy of each of them.
+        UsageError: If there isn't a policy of each of them, or one has other layers than the settings say.
     """
-    require_sources("componet", setup, setup.settings.learner.modules)
+    own = setup.settings.learner
+    require_sources("componet", setup, own.modules)
+    for source in setup.sources:
+        policy: Any = source.policy
+        hidden = policy.settings.learner.hidden
+        if hidden != own.source_hidden:
+            raise UsageError(
+                f"{source.id} has layers of {list(hidden)} units, not {list(own.source_hidden)}",
+                f"set learner.source_hidden={list(hidden)} if all sources are such",
+            )
     policy = FlatPolicy(setup.task, setup.seed, setup.settings)
     rng = np.random.default_rng(np.random.SeedSequence(setup.seed).spawn(2)[1])
     sources: dict[str, Any] = {source.id: source.policy for source in setup.sources}
@@ -118,7 +131,7 @@ def make(setup: Setup) -> CompoNetAgent:
 
 def _settings(_: Task, scenario: Any, *changes: Mapping[str, Any]) -> FlatSettings:
     """The usual ones, for as many modules as the scenario has sources."""
-    counted = {"learner": {"modules": len(scenario.source_names)}} if scenario else {}
+    counted = {"learner": {"modules": scenario.source_count}} if scenario else {}
     settings = USUAL
     for change in (*changes, counted):
         settings = changed(settings, change)

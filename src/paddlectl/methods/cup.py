@@ -20,12 +20,13 @@ import torch
 
 from paddlectl.agents.flat import FlatPolicy, FlatSettings, ReusingAgent
 from paddlectl.learners.buffers import RolloutBuffer
-from paddlectl.learners.networks import gradient_step, mlp
+from paddlectl.learners.networks import HIDDEN, gradient_step, mlp
 from paddlectl.learners.ppo import PPO
 from paddlectl.learners.replay import Transitions
 from paddlectl.learners.td3 import TD3
 from paddlectl.methods.base import Method, Setup, require_sources
 from paddlectl.methods.flat import USUAL
+from paddlectl.ranges import Count, Hidden, NotNegative, Positive, Share
 from paddlectl.tasks.base import Environment, Task
 
 
@@ -44,17 +45,19 @@ class CUPSettings(FlatSettings):
         critic_epochs: Passes of PPO's Q over each block.
         critic_batch: Samples of PPO's Q a gradient step.
         trace_decay: λ of the returns that PPO's Q learns from; 0 is expected SARSA of one step.
+        critic_hidden: Units of each layer of PPO's Q.
     """
 
-    weight: float = 30.0
-    cap: float = 0.003
-    start: float = 0.05
-    deviation: float = 0.2
+    weight: NotNegative = 30.0
+    cap: NotNegative = 0.003
+    start: Share = 0.05
+    deviation: Positive = 0.2
     normalised: bool = True
-    critic_rate: float = 5e-4
-    critic_epochs: int = 2
-    critic_batch: int = 512
-    trace_decay: float = 0.95
+    critic_rate: Positive = 5e-4
+    critic_epochs: Count = 2
+    critic_batch: Count = 512
+    trace_decay: Share = 0.95
+    critic_hidden: Hidden = HIDDEN
 
 
 class Guidance(NamedTuple):
@@ -148,7 +151,7 @@ class ActionValues:
         self.rng = rng
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(int(rng.integers(2**32)))
-            self.network = mlp(size, actions, output_gain=0.1)
+            self.network = mlp(size, actions, hidden=settings.critic_hidden, output_gain=0.1)
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=settings.critic_rate)
 
     @torch.no_grad()

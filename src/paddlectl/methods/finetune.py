@@ -22,6 +22,7 @@ from paddlectl.hybrid.policy import HybridPolicy, ProgramSelector
 from paddlectl.hybrid.settings import HybridSettings, settings_for, settings_from
 from paddlectl.learners.clauses import ClauseLearner
 from paddlectl.methods.base import Method, Setup, require_sources
+from paddlectl.ranges import Share
 from paddlectl.tasks.base import Task
 
 TRIALS = 64
@@ -37,7 +38,7 @@ class Start:
             it explores again (TD3 has none to weaken).
     """
 
-    inheritance: float = 1.0
+    inheritance: Share = 1.0
 
 
 class FinetuneAgent(HybridAgent):

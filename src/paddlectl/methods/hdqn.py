@@ -26,6 +26,7 @@ from paddlectl.learners.dqn import DQN, Batch, DQNSettings
 from paddlectl.learners.ppo import PPOSettings
 from paddlectl.logic.templates import scenes
 from paddlectl.methods.base import Method, Setup
+from paddlectl.ranges import Environments, Frames, Steps
 from paddlectl.tasks.base import FRAMES, Environment, Floats, Ints, Step, Task
 
 
@@ -44,10 +45,10 @@ class HDQNSettings:
         decisions: When a decision ends, and what the controller gets for it.
     """
 
-    frames: int = FRAMES
-    num_envs: int = 64
-    rollout_steps: int = 32
-    action_repeat: int = 1
+    frames: Frames = FRAMES
+    num_envs: Environments = 64
+    rollout_steps: Steps = 32
+    action_repeat: Steps = 1
     meta: DQNSettings = field(default_factory=partial(DQNSettings, capacity=20_000))  # kept in checkpoints
     discounts: ClauseSettings = field(default_factory=ClauseSettings)
     low_level: LearnerSettings = field(default_factory=PPOSettings)

@@ -25,10 +25,11 @@ import torch
 
 from paddlectl.agents.flat import FlatPolicy, FlatSettings, ReusingAgent
 from paddlectl.learners.buffers import RolloutBuffer
-from paddlectl.learners.networks import gradient_step, mlp
+from paddlectl.learners.networks import HIDDEN, gradient_step, mlp
 from paddlectl.learners.replay import Hindsight, Replay, Transitions
 from paddlectl.methods import flat
 from paddlectl.methods.base import Method, Setup, require_sources
+from paddlectl.ranges import Count, Hidden, Kept, NotNegative, Positive, Share
 from paddlectl.tasks.base import Bools, Environment, Floats, Ints, Task
 
 
@@ -52,22 +53,24 @@ class OptionSettings:
         decay: c3, by which the imitation ends with the episodes.
         regulariser: ξ. The best option isn't ended, nor one that is hardly worse.
         deviation: σ of a source's continuous actions.
+        hidden: Units of each layer of Q, and of β.
     """
 
-    learning_rate: float = 1e-3
-    termination_rate: float = 0.1
-    discount: float = 0.99
-    batch: int = 64
-    update_every: int = 128
-    refresh_every: int = 32
-    capacity: int = 50_000
-    exploration: float = 1.0
-    exploration_fall: float = 1e-3
-    final_exploration: float = 0.05
-    imitation: float = 1.0
-    decay: float = 1e-3
-    regulariser: float = 0.005
-    deviation: float = 0.2
+    learning_rate: Positive = 1e-3
+    termination_rate: Positive = 0.1
+    discount: Share = 0.99
+    batch: Count = 64
+    update_every: Count = 128
+    refresh_every: Count = 32
+    capacity: Kept = 50_000
+    exploration: Share = 1.0
+    exploration_fall: NotNegative = 1e-3
+    final_exploration: Share = 0.05
+    imitation: NotNegative = 1.0
+    decay: NotNegative = 1e-3
+    regulariser: NotNegative = 0.005
+    deviation: Positive = 0.2
+    hidden: Hidden = HIDDEN
 
 
 @dataclass(frozen=True)
@@ -109,8 +112,8 @@ class Options:
         self.rng = np.random.default_rng(seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.online = mlp(size, count, output_gain=0.01)
-            self.termination = mlp(size, count, output_gain=0.01)
+            self.online = mlp(size, count, hidden=settings.hidden, output_gain=0.01)
+            self.termination = mlp(size, count, hidden=settings.hidden, output_gain=0.01)
         self.slow = deepcopy(self.online).requires_grad_(False)
         self.online_optimiser = torch.optim.Adam(
             self.online.parameters(), lr=settings.learning_rate, fused=True

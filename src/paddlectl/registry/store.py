@@ -7,7 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from sqlalchemy import func, select, update
+from sqlalchemy import select, update
 
 from paddlectl.errors import UsageError
 from paddlectl.registry import fields
@@ -279,12 +279,16 @@ class Registry:
                 return find_policy(connection, number)
             return best_policy(connection, name, method, clauses=clauses)
 
-    def newest_by_seed(self, task: str, method: str) -> dict[int, str]:
-        """Seed -> id of the newest policy of a task that was learned with it, by one method."""
+    def learned(self, task: str, method: str) -> list[tuple[str, int, dict[str, Any]]]:
+        """The policies of a task by one method, newest first: id, seed, and the settings of its run."""
         c = policies.c
-        newest = select(c.seed, func.max(c.id)).where(c.task == task, c.method == method).group_by(c.seed)
+        newest = select(c.id, c.seed, runs.c.settings).join(runs, c.run == runs.c.id)
+        newest = newest.where(c.task == task, c.method == method).order_by(c.id.desc())
         with self.index.reading() as connection:
-            return {int(seed): f"policy-{number}" for seed, number in connection.execute(newest)}
+            return [
+                (f"policy-{number}", int(seed), documents.from_json(text, f"the run of policy-{number}"))
+                for number, seed, text in connection.execute(newest)
+            ]
 
     def policies(self) -> list[PolicyRecord]:
         """All policies, newest first."""

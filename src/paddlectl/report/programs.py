@@ -5,10 +5,9 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from paddlectl.errors import IntegrityError, InvalidFileError
+from paddlectl.experiments.similar import stored_program
 from paddlectl.logic.clauses import Body, Program
 from paddlectl.logic.minimise import MOST_ATOMS, minimise
-from paddlectl.logic.syntax import parse_program
 from paddlectl.logic.templates import scenes
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.report.grid import Grid, Head, Row
@@ -16,21 +15,6 @@ from paddlectl.report.output import clean
 
 MAIN = 0.5
 """Probability from which a clause stands in the minimised program: what is done more often than not."""
-
-
-def stored_program(policy: PolicyRecord) -> Program:
-    """The policy's program, parsed; an empty one of a method without clauses.
-
-    Raises:
-        IntegrityError: If what is stored is no program.
-    """
-    try:
-        return parse_program(policy.program or "")
-    except InvalidFileError as error:
-        raise IntegrityError(
-            f"the program of {policy.id} is damaged: {error.message}",
-            f"train it again: paddlectl train {policy.task}",
-        ) from error
 
 
 def program_document(policy: PolicyRecord) -> dict[str, Any]:

@@ -42,6 +42,10 @@ def significant(value: Any) -> str:
     return "–" if value is None else f"{value:.3g}"
 
 
+def thousandths(value: Any) -> str:
+    return "–" if value is None else f"{value:.3f}"
+
+
 def tenths(value: Any) -> str:
     return "–" if value is None else f"{value:.1f}"
 
@@ -146,6 +150,16 @@ EVALUATED = (
     Column("success", "success_rate", percent),
     Column("score", "mean_score", figure),
     Column("length", "mean_length", tenths),
+)
+UNUSUAL = (
+    Column("name", "name"),
+    Column("here", "value", words),
+    Column("usually", "usual", words),
+)
+SIMILAR = (
+    Column("policy", "policy"),
+    Column("task", "task"),
+    Column("mean ψ", "similarity", thousandths),
 )
 FINDINGS = (
     Column("fault", "fault", yes),

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, NamedTuple
 
-from paddlectl.agents.settings import changed, restored
-from paddlectl.errors import IntegrityError
+from paddlectl.agents.settings import changed, restored, with_defaults
+from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.jobs import RandomJob, TrainJob, TransferJob
-from paddlectl.experiments.policies import needs_of
-from paddlectl.experiments.runner import budget_of, settings_of
+from paddlectl.experiments.runner import budget_of, rules_of, settings_of
 from paddlectl.methods.base import method_of
 from paddlectl.methods.catalogue import MADE_AS, teacher_of
 from paddlectl.registry.records import RunRecord
@@ -186,9 +185,9 @@ def _cell(
     learned = [task for task in scenario.source_names if task not in random] if teaches else []
     sources = [Source(task, str(teaches), seed, budget) for task in learned]
     sources += [Source(task, RANDOM, seed) for task in random]
-    rules = method_of(method).rules_for(load(scenario.target))
-    rules = changed(rules, variant.rules) if variant.rules else None
     frames = frames or study.frames or scenario.frames
+    usual = TransferJob(scenario, (), method, seed, frames)
+    rules = changed(rules_of(usual), variant.rules) if variant.rules else None
     return Cell(scenario, method, name, seed, frames, tuple(sources), rules, variant.settings)
 
 
@@ -206,27 +205,29 @@ def _key_of(record: RunRecord) -> str:
         record.seed,
         record.sources,
         settings.get("frames"),
-        *_numbers(record),
+        *_as_today(record),
         [scenario.get("similarity"), scenario.get("guidance")],
     )
 
 
-def _numbers(record: RunRecord) -> tuple[Any, Any]:
-    """Its settings and rules by today's names; of what this version can't read as they are stored.
-
-    What was stored before a number came has it by its default, as in every use of old runs.
-    """
-    learning, rules = record.settings.get("learning"), record.settings.get("rules")
+def _as_today(record: RunRecord) -> tuple[Any, Any]:
+    """A run's settings and rules as this version writes them: what came later is as it was without it."""
+    learning, rules = (record.settings.get(name) for name in ("learning", "rules"))
     try:
-        task, method = needs_of(record)
-        usual = method.rules_for(task) if record.kind == "transfer" else None
-        stored = usual and restored(type(usual)(), rules or {}, "rules")
-        return (
-            dataclasses.asdict(method.settings_from(task, learning)),
-            stored and dataclasses.asdict(stored),
-        )
-    except (IntegrityError, ValueError, TypeError):
-        return learning, rules
+        usual_settings, usual_rules = _defaults(MADE_AS.get(record.method, record.method), record.task)
+        learning = dataclasses.asdict(restored(usual_settings, learning, "settings"))
+        if usual_rules and record.kind == "transfer":
+            rules = dataclasses.asdict(restored(usual_rules, rules or {}, "rules"))
+    except (PaddlectlError, TypeError, ValueError):
+        pass  # of another version, or of a plug-in that isn't here: no cell is like it
+    return learning, rules
+
+
+@cache
+def _defaults(method: str, task: str) -> tuple[Any, Any]:
+    made, loaded = method_of(method), load(task)
+    rules = made.rules_for(loaded)
+    return with_defaults(made.settings_from(loaded, {})), rules and with_defaults(rules)
 
 
 def _key_of_source(source: Source) -> str:
@@ -239,15 +240,14 @@ def _key_of_source(source: Source) -> str:
 
 def _key_of_job(job: TransferJob) -> str:
     scenario = job.scenario.model_dump(mode="json")
-    method, task = method_of(job.method), load(job.scenario.target)
-    rules = job.rules or method.rules_for(task)
+    rules = rules_of(job)
     return _key(
         job.method,
-        task.name,
+        job.scenario.target,
         job.seed,
         job.sources,
         job.frames,
-        dataclasses.asdict(method.settings_for(task, job.scenario, job.changes)),
+        dataclasses.asdict(settings_of(job)),
         rules and dataclasses.asdict(rules),
         [scenario["similarity"], scenario["guidance"]],
     )

@@ -9,8 +9,7 @@ from pydantic import Field
 
 from paddlectl.errors import PaddlectlError, UsageError
 from paddlectl.methods import catalogue
-from paddlectl.methods.base import method_of
-from paddlectl.methods.changes import misfits
+from paddlectl.methods.changes import Changes
 from paddlectl.registry.names import is_id
 from paddlectl.scenario import (
     Frames,
@@ -23,6 +22,7 @@ from paddlectl.scenario import (
     TaskSources,
     advice_on_seeds,
     load_scenario,
+    misfits_of,
     misnamed,
     repeated,
 )
@@ -128,6 +128,16 @@ def _misuses(study: Study, path: Path) -> Iterator[Problem]:
             yield Problem(
                 ("scenarios", index), f"it reuses {named[0]}; a study reuses those of its own seeds"
             )
+        if scenarios[-1].chosen:
+            yield Problem(("scenarios", index), "its sources are chosen (auto); a study's are named")
+            scenarios.pop()
+            continue
+        for method in filter(catalogue.known, study.methods):
+            own = Changes(scenarios[-1].settings, scenarios[-1].rules)
+            yield from (
+                Problem(("scenarios", index), f"{'.'.join(place)}: {method}: {why}")
+                for place, why in misfits_of(scenarios[-1], method, own)
+            )
     yield from _unknown_methods(("methods",), study.methods, catalogue.names())
     yield from _unfit_methods(study.methods, scenarios)
     names = [scenario.name for scenario in scenarios]
@@ -160,15 +170,12 @@ def _misuses_of_variant(
             for scenario in scenarios:
                 if message := misnamed(task, ("sources", "tasks"), scenario.target):
                     yield Problem((*key, part, index), message)
-    if not (variant.rules or variant.settings):
-        return
-    for method in map(method_of, filter(catalogue.known, variant.methods or study.methods)):
+    for method in filter(catalogue.known, variant.methods or study.methods):
         for scenario in scenarios:
-            task = suite.load(scenario.target)
-            usual = {"settings": method.settings_for(task, scenario), "rules": method.rules_for(task)}
-            for part, settings in usual.items():
-                for place, message in misfits(settings, getattr(variant, part)):
-                    yield Problem((*key, part, *place), f"{method.name}: {message}", at_key=True)
+            for place, why in misfits_of(
+                varied(scenario, variant), method, Changes(variant.settings, variant.rules)
+            ):
+                yield Problem((*key, *place), f"{method}: {why}", at_key=True)
 
 
 def _unfit_methods(methods: tuple[str, ...], scenarios: list[Scenario]) -> Iterator[Problem]:

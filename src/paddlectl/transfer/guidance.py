@@ -10,6 +10,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from paddlectl.ranges import AtLeastOne, CountOrZero, Finite, NotNegative, Share
+
 Weights = NDArray[np.float64]
 
 
@@ -95,20 +97,20 @@ class GuidanceSettings:
             subgoal that no source knows isn't learned from nothing: whoever finds a key soon finds a ball.
     """
 
-    similarity_decay: float = 0.7
-    target_floor: float = 0.05
-    drop_below_success: float = 0.2
-    trials: int = 8
-    repeat_penalty: float = 0.3
+    similarity_decay: Share = 0.7
+    target_floor: Finite = 0.05
+    drop_below_success: Share = 0.2
+    trials: CountOrZero = 8
+    repeat_penalty: NotNegative = 0.3
     episodes: Literal["bandit", "guided", "alone"] = "bandit"
-    bandit_prior: float = 10.0
-    least_alone: float = 0.05
-    target_samples: float = 20.0
-    target_margin: float = 0.02
-    source_memory: float = 300.0
-    target_memory: float = 50.0
-    program_inheritance: float = 0.7
-    inheritance: float = 0.7
+    bandit_prior: NotNegative = 10.0
+    least_alone: Share = 0.05
+    target_samples: NotNegative = 20.0
+    target_margin: Finite = 0.02
+    source_memory: AtLeastOne = 300.0
+    target_memory: AtLeastOne = 50.0
+    program_inheritance: Share = 0.7
+    inheritance: Share = 0.7
 
 
 def guidance_weight(similarity: Weights, performance: Weights) -> Weights:

@@ -41,6 +41,11 @@ class SceneMapping:
         """
         return max((match.similarity for match in self.rows[body]), default=0.0)
 
+    def overall(self, policy: str) -> float:
+        """The mean of a source's ψ over the target's scenes: how similar it is to the whole target."""
+        found = [m.similarity for row in self.rows.values() for m in row if m.policy == policy]
+        return sum(found) / max(1, len(found))
+
 
 class _Scale(NamedTuple):
     """ψ of one target scene in whole numbers, so that ties are exact: ψ = (body·b + head·h) / whole.
