@@ -66,7 +66,7 @@ def test_a_train_run_leaves_its_tables(trained):
     for row in trained.rows:
         (progress,) = trained.registry.files.read_rows(row["run"], "progress")
         assert set(progress) == {
-            "frames", "episodes", "success_rate", "mean_score", "crispness", "seconds",
+            "frames", "episodes", "latest_success", "latest_score", "crispness", "seconds",
         }  # fmt: skip
         episodes = trained.registry.files.read_rows(row["run"], "episodes")
         assert len(episodes) == row["episodes"]
