@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import safetensors.torch
 
+import paddlectl
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments import processes
 from paddlectl.experiments.jobs import Begun, Failure, Note, Progress, TrainJob, TransferJob
@@ -60,6 +61,14 @@ def test_what_is_new_is_told_by_job(trained):
         assert begun == Begun(row["run"])
         assert (progress.run, progress.frames) == (row["run"], FRAMES)
         assert outcome == row
+
+
+def test_a_run_from_python_learns_the_same(trained, tmp_path):
+    result = paddlectl.train("BlockedDoor", seed=0, frames=1, registry=tmp_path / "registry")
+    ours = Registry.open(tmp_path / "registry").policy(result.policy.id)
+    theirs = trained.registry.policy(trained.rows[1]["policy"])
+    assert (ours.task, ours.checkpoint, ours.program) == (theirs.task, theirs.checkpoint, theirs.program)
+    assert result.figures == {name: trained.rows[1][name] for name in result.figures}
 
 
 def test_a_train_run_leaves_its_tables(trained):
