@@ -35,7 +35,7 @@ HOMES = {
     "safetensors": {"registry.care", "registry.bundles", "experiments", "learners", "hybrid"},
     "pydantic": {"scenario", "studies", "yaml_files"}, "yaml": {"yaml_files"},
     "rich": {"report"}, "matplotlib": {"report"}, "jinja2": {"report"}, "PIL": {"report", "tasks"},
-    "typer": {"cli"},
+    "pyarrow": {"report"}, "tensorboard": {"report"}, "typer": {"cli"},
 }  # fmt: skip
 EVERYWHERE = {"numpy"}
 BANNED = {"pickle", "dill", "joblib", "tarfile", "shelve", "marshal"}
