@@ -25,6 +25,7 @@ from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.tasks.suite import load
 from samples import ROOT
+from schemas import require_row
 
 FRAMES = HybridSettings().num_envs * HybridSettings().rollout_steps  # of one block
 
@@ -61,6 +62,12 @@ def test_what_is_new_is_told_by_job(trained):
         assert begun == Begun(row["run"])
         assert (progress.run, progress.frames) == (row["run"], FRAMES)
         assert outcome == row
+
+
+def test_rows_are_as_train_tells_them(trained):
+    for row in trained.rows:
+        require_row(row, "train")
+        require_row(row, "resume")
 
 
 def test_a_run_from_python_learns_the_same(trained, tmp_path):

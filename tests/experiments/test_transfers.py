@@ -16,6 +16,7 @@ from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 from paddlectl.transfer.guidance import RULES, GuidanceSettings
 from samples import ROOT
+from schemas import require_row
 from small_transfer import FRAMES, SHORT, SMALL, TARGET, job
 
 MODES = ("default", "paper")
@@ -70,6 +71,7 @@ def test_the_row_and_the_run_say_the_same(transfer, mode):
     figures = {"jump_start", "final_score", "final_success", "area_under_curve", "success_rate"}
     told = {"run", "policy", "method", "sources", "seed", "frames", "episodes", "seconds"}
     assert set(done.row) == told | figures
+    require_row(done.row, "transfer")
     assert done.row["sources"] == list(transfer.policies)
     run = done.run
     assert (run.kind, run.method, run.task, run.scenario, run.status) == (
