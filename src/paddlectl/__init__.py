@@ -11,7 +11,8 @@ What is needed is imported when a name is first used. Mistakes are told as `Padd
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+
+TYPE_CHECKING = False  # typing's own would have to be loaded before ^C is handled
 
 if TYPE_CHECKING:
     from paddlectl.api import Policy, Result, Runs, load, runs, train, transfer
@@ -51,11 +52,13 @@ import_module("paddlectl.transfer")
 del globals()["transfer"]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if name == "__version__":
-        return import_module("importlib.metadata").version(__name__)
+        from importlib.metadata import version
+
+        return version(__name__)
     home = import_module("paddlectl.errors" if name.endswith("Error") else "paddlectl.api")
     return globals().setdefault(name, getattr(home, name))
 
