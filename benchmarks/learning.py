@@ -160,9 +160,10 @@ def _name(job: Job) -> str:
 
 
 def _told(progress: Progress) -> str:
-    if progress.success_rate is None:
+    if progress.latest_success is None:
         return f"{progress.frames:,} frames"
-    return f"{progress.frames:,} frames, success {progress.success_rate:.2f}, score {progress.mean_score:.3f}"
+    rates = f"success {progress.latest_success:.2f}, score {progress.latest_score:.3f}"
+    return f"{progress.frames:,} frames, {rates}"
 
 
 def key_of(record: RunRecord) -> str:
@@ -201,7 +202,7 @@ def figures(registry: Registry, record: RunRecord, shortest: float) -> Result:
         "jump_start": _mean_of_first(100, [e.score for e in known]),
         f"success_first_{FIRST}": _mean_of_first(FIRST, [e.score > 0 for e in known]),
         "final_score": curve["final_score"],
-        "final_success": curve["success_rate"],
+        "final_success": curve["final_success"],
         "area_under_curve": curve["area_under_curve"],
         "to_success": {str(bar): _reached(known, progress, bar) for bar in BARS},
         "led_by_target": _led_by_target(registry.files.read_rows(record.id, "weights")),

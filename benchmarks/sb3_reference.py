@@ -289,7 +289,7 @@ def solve(seed: int, cap: float) -> Result:
 
 def recent_success(episodes: Sequence[Ended]) -> float | None:
     """Of the last 100 in the order of their start; None as long as the first goes on."""
-    return curve_rates(in_order(episodes))["success_rate"]
+    return curve_rates(in_order(episodes))["latest_success"]
 
 
 def beside_ours(run: Result) -> Result:

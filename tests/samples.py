@@ -138,7 +138,13 @@ def add_transfer(registry: Registry, scenario: str = "A") -> None:
         frames=60_000,
         episodes=900,
         seconds=20.0,
-        results={"jump_start": 0.7, "final_score": 0.88, "success_rate": 0.97, "area_under_curve": 0.8},
+        results={
+            "jump_start": 0.7,
+            "final_score": 0.88,
+            "final_success": 0.9,
+            "area_under_curve": 0.8,
+            "success_rate": 0.97,
+        },
     )
 
 
@@ -204,7 +210,7 @@ guidance: {mode: default}
 
 RESULT = Result(
     scenario="A", target="BoxDoor", method="paddle", variant="", seed=0, run="run-1", code="", frames=1000,
-    episodes=200, seconds=1.0, source_frames=0, jump_start=0.0, final_score=0.0, success_rate=0.0,
+    episodes=200, seconds=1.0, source_frames=0, jump_start=0.0, final_score=0.0, final_success=0.0,
     area_under_curve=0.0, frames_to_success=None, unseen_success=0.0, unseen_length=0.0,
     by_frames=(0.5,) * 100, by_episodes=(0.5,) * 4,
 )  # fmt: skip

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,7 +18,7 @@ from paddlectl.registry.names import number_of
 from paddlectl.tasks import suite
 from paddlectl.tasks.suite import load
 from paddlectl.transfer.guidance import PaperSettings
-from paddlectl.yaml_files import Closed, KeyPath, Kind, Problem, load_file, unknown
+from paddlectl.yaml_files import Closed, KeyPath, Kind, Problem, check_values, load_file, unknown
 
 _LIKE_ID = re.compile(r"(policy|run)?[\W_]*0*([0-9]*)", re.IGNORECASE)
 
@@ -194,6 +194,15 @@ def load_scenario(path: Path) -> Scenario:
         InvalidFileError: If it isn't a scenario; the message starts with file:line:column.
     """
     return load_file(path, _KIND)
+
+
+def scenario_of(values: Mapping[str, Any]) -> Scenario:
+    """A scenario from what a file would hold.
+
+    Raises:
+        InvalidFileError: If it isn't one.
+    """
+    return check_values(values, _KIND)
 
 
 def _misuses(scenario: Scenario, _: Path) -> Iterator[Problem]:

@@ -95,7 +95,27 @@ def load_file(path: Path, kind: Kind[M]) -> M:
         NotFoundError: If there is no such file.
         InvalidFileError: If it isn't one of that kind; the message starts with file:line:column.
     """
-    reader = _Reader(str(path), _read(path, kind.noun), kind.noun)
+    return _checked(_Reader(str(path), _read(path, kind.noun), kind.noun), kind, path)
+
+
+def check_values(values: Mapping[str, Any], kind: Kind[M]) -> M:
+    """Checks what a file would hold, and no file does.
+
+    Raises:
+        InvalidFileError: If it isn't of that kind.
+    """
+    try:
+        text = json.dumps(values, indent=2, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InvalidFileError(f"the {kind.noun}: {error}", "numbers, texts, lists and mappings") from None
+    try:
+        return _checked(_Reader("", text, kind.noun), kind, Path())
+    except InvalidFileError as error:
+        message = error.message.partition(": ")[2]  # without line and column
+        raise InvalidFileError(f"the {kind.noun}: {message}", error.hint) from None
+
+
+def _checked(reader: "_Reader", kind: Kind[M], path: Path) -> M:
     document = reader.document()
     try:
         found = kind.model.model_validate_json(json.dumps(document))

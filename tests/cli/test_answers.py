@@ -180,7 +180,10 @@ def test_explain_says_who_led_and_why(registry: Registry, command: Command) -> N
         " gt_key()) was reached in 50 %. At the end of the phase its Λ was 0.99 (ψ 0.69, Φ 0.30)." in told
     )
     assert "BlockedDoor → gt_blockage(), 12 steps, reached" in told
-    assert "jump-start 0.70, final score 0.88, success 97 %" in told
+    assert (
+        "jump-start 0.70, final score 0.88, final success 90 %, area under the curve 0.80, success 97 %"
+        in told
+    )
 
 
 def test_explain_takes_the_newest_transfer(registry: Registry, command: Command) -> None:

@@ -124,7 +124,7 @@ def from_scratch(registry: Registry) -> None:
         kind="transfer", method="hdm", task=TARGET, scenario="A", sources=(), seed=0, settings={}, versions={}
     )
     add_policy(registry, run.id, TARGET, program(TARGET, [("EX", "gt_blockage", 0.9)]))
-    figures = {"jump_start": 0.1, "final_score": 0.2, "success_rate": 0.3}
+    figures = {"jump_start": 0.1, "final_score": 0.2, "final_success": 0.3}
     registry.finish_run(run.id, status="finished", frames=9, episodes=1, seconds=1.0, results=figures)
 
 

@@ -162,6 +162,7 @@ def test_completion_offers_what_the_command_takes(registry: Registry) -> None:
         assert complete("paddlectl resume ", **where) == ["run-10", "run-6", "run-5"]
     assert complete("paddlectl registry export run-", **where) == [f"run-{n}" for n in range(8, 0, -1)]
     assert complete("paddlectl registry export l", **where) == []
+    assert complete("paddlectl export run-", **where) == [f"run-{n}" for n in range(10, 0, -1)]
     assert complete("paddlectl similarity --target CoffeeMaze --source ", **where) == [
         "CoffeeMaze",
         "policy-4",
@@ -175,7 +176,7 @@ def test_completion_offers_what_the_command_takes(registry: Registry) -> None:
 
 def test_nothing_is_offered_where_there_is_nothing(tmp_path: Path) -> None:
     Registry.open(tmp_path / "registry").close()
-    for line in ("explain ", "resume ", "show ", "registry export "):
+    for line in ("explain ", "export ", "resume ", "show ", "registry export "):
         assert complete(f"paddlectl {line}", PADDLECTL_REGISTRY=str(tmp_path / "registry")) == []
 
 

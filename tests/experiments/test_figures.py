@@ -26,7 +26,7 @@ def test_short_episodes_are_the_lucky_ones_and_dont_flatter_the_area():
     found = figures(ended, 100)
     # started by frames 0-19: two, one of them solved; 20-39: 2 of 3; 40-59: 2 of 4; 60-99: 3 of 5
     assert found["area_under_curve"] == pytest.approx((20 / 2 + 20 * 2 / 3 + 20 / 2 + 40 * 3 / 5) / 100)
-    assert found["success_rate"] == found["final_score"] == pytest.approx(3 / 5)
+    assert found["final_success"] == found["final_score"] == pytest.approx(3 / 5)
     assert found["jump_start"] == pytest.approx(3 / 100)  # of a hundred; those that didn't end count as 0
 
 
@@ -35,7 +35,7 @@ def test_nothing_is_told_of_a_run_until_its_first_episode_has_ended():
     told = []
     for row in sorted(LUCKY_ARE_SHORT, key=lambda row: row[2]):
         curve.add([episode(*row)])
-        told.append(curve.rates()["success_rate"])
+        told.append(curve.rates()["latest_success"])
     # after frames 20 and 40 the first still runs; after 60 it is known with the second and third
     assert told == [None, None, pytest.approx(2 / 3), pytest.approx(2 / 3), pytest.approx(3 / 5)]
 
@@ -59,7 +59,7 @@ def test_the_jump_start_and_the_end_are_of_episodes_in_the_order_of_their_start(
     quick = [(order, order, order + 1, 0.8) for order in range(100, 250)]
     found = figures(quick + slow, 1000)
     assert found["jump_start"] == 0.0
-    assert (found["final_score"], found["success_rate"]) == (pytest.approx(0.8), 1.0)
+    assert (found["final_score"], found["final_success"]) == (pytest.approx(0.8), 1.0)
     half = figures(quick + [(order, 0, 400 + order, 0.6) for order in range(50)], 1000)
     assert half["jump_start"] == pytest.approx(0.3)  # fifty of the first hundred never ended
     assert half["final_score"] == pytest.approx(0.6), "what came after one that didn't end isn't counted"
@@ -74,7 +74,7 @@ def test_the_area_is_over_the_latest_hundred_that_had_started():
 
 
 def test_a_run_without_episodes_has_figures_of_zero():
-    nothing = {"jump_start": 0.0, "final_score": 0.0, "success_rate": 0.0, "area_under_curve": 0.0}
+    nothing = {"jump_start": 0.0, "final_score": 0.0, "final_success": 0.0, "area_under_curve": 0.0}
     assert figures([], 4096) == nothing
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import safetensors.torch
 
+import paddlectl
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments import processes
 from paddlectl.experiments.jobs import Begun, Failure, Note, Progress, TrainJob, TransferJob
@@ -24,6 +25,7 @@ from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.tasks.suite import load
 from samples import ROOT
+from schemas import require_row
 
 FRAMES = HybridSettings().num_envs * HybridSettings().rollout_steps  # of one block
 
@@ -62,11 +64,25 @@ def test_what_is_new_is_told_by_job(trained):
         assert outcome == row
 
 
+def test_rows_are_as_train_tells_them(trained):
+    for row in trained.rows:
+        require_row(row, "train")
+        require_row(row, "resume")
+
+
+def test_a_run_from_python_learns_the_same(trained, tmp_path):
+    result = paddlectl.train("BlockedDoor", seed=0, frames=1, registry=tmp_path / "registry")
+    ours = Registry.open(tmp_path / "registry").policy(result.policy.id)
+    theirs = trained.registry.policy(trained.rows[1]["policy"])
+    assert (ours.task, ours.checkpoint, ours.program) == (theirs.task, theirs.checkpoint, theirs.program)
+    assert result.figures == {name: trained.rows[1][name] for name in result.figures}
+
+
 def test_a_train_run_leaves_its_tables(trained):
     for row in trained.rows:
         (progress,) = trained.registry.files.read_rows(row["run"], "progress")
         assert set(progress) == {
-            "frames", "episodes", "success_rate", "mean_score", "crispness", "seconds",
+            "frames", "episodes", "latest_success", "latest_score", "crispness", "seconds",
         }  # fmt: skip
         episodes = trained.registry.files.read_rows(row["run"], "episodes")
         assert len(episodes) == row["episodes"]

@@ -16,6 +16,7 @@ from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
 from paddlectl.transfer.guidance import RULES, GuidanceSettings
 from samples import ROOT
+from schemas import require_row
 from small_transfer import FRAMES, SHORT, SMALL, TARGET, job
 
 MODES = ("default", "paper")
@@ -67,9 +68,10 @@ VOCABULARY = sorted(str(atom) for atom in load(TARGET).vocabulary.atoms)
 @pytest.mark.parametrize("mode", MODES)
 def test_the_row_and_the_run_say_the_same(transfer, mode):
     done = transfer(mode)
-    figures = {"jump_start", "final_score", "success_rate", "area_under_curve"}
+    figures = {"jump_start", "final_score", "final_success", "area_under_curve", "success_rate"}
     told = {"run", "policy", "method", "sources", "seed", "frames", "episodes", "seconds"}
     assert set(done.row) == told | figures
+    require_row(done.row, "transfer")
     assert done.row["sources"] == list(transfer.policies)
     run = done.run
     assert (run.kind, run.method, run.task, run.scenario, run.status) == (
@@ -79,6 +81,7 @@ def test_the_row_and_the_run_say_the_same(transfer, mode):
     assert (run.frames, run.episodes, run.policy) == (
         done.row["frames"], done.row["episodes"], done.row["policy"],
     )  # fmt: skip
+    assert done.row["success_rate"] == done.registry.policy(run.policy).success_rate
     assert {name: run.results[name] for name in figures} == {name: done.row[name] for name in figures}
     assert run.settings["scenario"]["guidance"]["mode"] == mode
     assert FRAMES <= done.row["frames"] < FRAMES + 8 * 64

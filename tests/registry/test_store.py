@@ -47,8 +47,8 @@ def test_a_run_from_start_to_end(registry: Registry, add: Any) -> None:
     opened = add.run(kind="transfer", method="paddle", scenario="A", sources=["policy-1", "policy-2"], seed=3)
     assert (opened.id, opened.status, opened.frames, opened.finished) == ("run-1", "running", 0, None)
     assert (opened.scenario, opened.sources, opened.seed) == ("A", ("policy-1", "policy-2"), 3)
-    closed = registry.finish_run("run-1", results={"success_rate": 0.97}, **END)
-    assert closed == replace(opened, results={"success_rate": 0.97}, finished=closed.finished, **END)
+    closed = registry.finish_run("run-1", results={"final_success": 0.97}, **END)
+    assert closed == replace(opened, results={"final_success": 0.97}, finished=closed.finished, **END)
     assert closed.finished is not None and closed.finished >= closed.created
     assert registry.run("run-1") == closed
 
@@ -208,6 +208,22 @@ def test_a_run_ends_in_a_known_state(registry: Registry, add: Any) -> None:
 
 
 # The run's folder
+
+
+def test_an_older_transfers_success_rate_is_of_its_last_episodes(registry: Registry, add: Any) -> None:
+    """`success_rate` of a transfer's results was over the last 100 episodes of training once."""
+    ends = {"status": "finished", "frames": 10, "episodes": 2, "seconds": 1.0}
+    old, figures = add.run(kind="transfer").id, {"jump_start": 0.1, "success_rate": 0.75, "mean_length": 30.0}
+    assert registry.finish_run(old, **ends, results=figures).results == {
+        "jump_start": 0.1, "final_success": 0.75, "mean_length": 30.0,
+    }  # fmt: skip
+    assert registry.run(old).results.get("success_rate") is None
+    assert add.policy(old).success_rate == registry.run(old).results["success_rate"] == 0.5
+    told = {"final_success": 0.75, "success_rate": 0.5}
+    assert registry.finish_run(add.run(kind="transfer").id, **ends, results=told).results == told
+    assert registry.finish_run(add.run().id, **ends, results={"success_rate": 0.5}).results == {
+        "success_rate": 0.5
+    }
 
 
 def test_rows_and_documents(registry: Registry, add: Any, location: Path) -> None:

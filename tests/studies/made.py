@@ -22,7 +22,7 @@ def result(scenario: str, method: str, seed: int, area: float, **more: Any) -> R
         "source_frames": 60_000,
         "jump_start": area / 2,
         "final_score": area,
-        "success_rate": area,
+        "final_success": area,
         "frames_to_success": round(200_000 / area) if area > 0.5 else None,
         "unseen_success": area,
         "unseen_length": 30.0,

@@ -97,6 +97,12 @@ def plotted_names(registry: str | None) -> list[tuple[str, str]]:
 
 
 @_quiet
+def run_names(registry: str | None) -> list[tuple[str, str]]:
+    """All of them, also such as go on."""
+    return _pairs(_soon(registry, "runs"))
+
+
+@_quiet
 def stopped_names(registry: str | None) -> list[tuple[str, str]]:
     """Those that can be resumed."""
     return _pairs(_soon(registry, "stopped"))

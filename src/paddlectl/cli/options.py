@@ -47,6 +47,12 @@ def complete_held(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     return [pair for pair in ended_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
 
 
+def complete_runs(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    from paddlectl.cli.completion import run_names
+
+    return [pair for pair in run_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+
+
 def complete_stopped(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import stopped_names
 

@@ -12,7 +12,7 @@ _KEY = re.compile(r"((?:password|passwd|pwd)=)[^\s&\"']+", re.IGNORECASE)
 
 
 _COMMAND = re.compile(
-    r"paddlectl (?:compare|evaluate|explain|plot|policies|registry|resume|runs|show"
+    r"paddlectl (?:compare|evaluate|explain|export|plot|policies|registry|resume|runs|show"
     r"|similarity|sweep|train|transfer)\b"
     r"(?: [^\s,;()]+(?:,[^\s,;()]+)*)*"
 )

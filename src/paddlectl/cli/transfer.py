@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from paddlectl.cli.running import Asked
+    from paddlectl.experiments.jobs import TrainJob
     from paddlectl.experiments.sources import Sources
     from paddlectl.methods.changes import Changes
     from paddlectl.registry.store import Registry
@@ -145,7 +146,7 @@ def sources_of(
     """
     from paddlectl.experiments.sources import resolve
 
-    with _opened(scenario, method, seeds, location, train_missing) as registry:
+    with opened_for(scenario, method, seeds, location, train_missing) as registry:
         found = resolve(registry, scenario, method, seeds)
         if not (found.missing and train_missing):
             found.required()
@@ -158,7 +159,17 @@ def sources_of(
         return found
 
 
-def _opened(
+def missing_of(
+    scenario: "Scenario", method: str, seeds: "Sequence[int]", location: str
+) -> "Sequence[TrainJob]":
+    """What would learn the policies that the registry lacks; it is made where there is none."""
+    from paddlectl.experiments.sources import resolve
+
+    with opened_for(scenario, method, seeds, location, train_missing=True) as registry:
+        return resolve(registry, scenario, method, seeds).missing
+
+
+def opened_for(
     scenario: "Scenario", method: str, seeds: "Sequence[int]", location: str, train_missing: bool
 ) -> "Registry":
     """The registry; it is made where it can come to hold all that is reused.

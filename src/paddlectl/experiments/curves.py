@@ -109,8 +109,8 @@ def rates(known: Sequence[Ended]) -> dict[str, float | None]:
 
 def _rates(scores: np.ndarray) -> dict[str, float | None]:
     if not len(scores):
-        return {"success_rate": None, "mean_score": None}
-    return {"success_rate": float((scores > 0).mean()), "mean_score": float(scores.mean())}
+        return {"latest_success": None, "latest_score": None}
+    return {"latest_success": float((scores > 0).mean()), "latest_score": float(scores.mean())}
 
 
 class LearningCurve:
@@ -133,14 +133,14 @@ class LearningCurve:
 
         Returns:
             `jump_start`: mean score of the first 100 episodes started; one that didn't end within the run
-            counts as 0. `final_score` and `success_rate`: of the last 100. `area_under_curve`: the mean of
+            counts as 0. `final_score` and `final_success`: of the last 100. `area_under_curve`: the mean of
             `by_frames`.
         """
         last = _rates(self._known["score"][-WINDOW:])
         return {
             "jump_start": sum(self._first.tolist()) / WINDOW,
-            "final_score": last["mean_score"] or 0.0,
-            "success_rate": last["success_rate"] or 0.0,
+            "final_score": last["latest_score"] or 0.0,
+            "final_success": last["latest_success"] or 0.0,
             "area_under_curve": float(np.mean(self.by_frames())),
         }
 
@@ -153,7 +153,7 @@ class LearningCurve:
         """Mean score of the latest 100, after every `step` episodes."""
         return [self._score(n) for n in range(step, len(self._known) + 1, step)]
 
-    def frames_to(self, success_rate: float) -> int | None:
+    def frames_to(self, share: float) -> int | None:
         """Frames after which 100 that started one after another had all ended, this share of them solved.
 
         None if there were none. Counted by their start: those that end early are the lucky ones.
@@ -161,7 +161,7 @@ class LearningCurve:
         if len(self._known) < WINDOW:
             return None
         latest = np.lib.stride_tricks.sliding_window_view
-        good = latest(self._known["score"] > 0, WINDOW).mean(-1) >= success_rate
+        good = latest(self._known["score"] > 0, WINDOW).mean(-1) >= share
         ended = latest(self._known["finished"], WINDOW).max(-1)[good]
         return int(ended.min()) if len(ended) else None
 

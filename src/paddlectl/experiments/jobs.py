@@ -63,8 +63,8 @@ class Progress:
     frames: int
     total: int
     episodes: int
-    success_rate: float | None
-    mean_score: float | None
+    latest_success: float | None
+    latest_score: float | None
     note: str
 
 

@@ -36,7 +36,7 @@ def keep(registry: Registry, run: RunRecord, policy: Policy, log: RunLog) -> Pol
     known = registry.run(run.id).policy
     if known and registry.policy(known).checkpoint == hashlib.sha256(data).hexdigest():
         return registry.policy(known)
-    with _one_thread():
+    with one_thread():
         result = played(policy, task, EVALUATION_EPISODES, EVALUATION_SEED)
     return registry.add_policy(
         run=run.id,
@@ -145,8 +145,21 @@ def _settings_of(registry: Registry, record: PolicyRecord, task: Task, method: M
         ) from error
 
 
+def require_domain(policy: PolicyRecord, task: Task) -> None:
+    """Refuses a task that the policy can't act in.
+
+    Raises:
+        IntegrityError: If it is of another domain.
+    """
+    if task.domain != policy.domain:
+        raise IntegrityError(
+            f"{policy.id} is a {policy.domain} policy; {task.name} is a {task.domain} task",
+            "policies can be played within their domain only",
+        )
+
+
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """As in the processes of runs: with several, torch may add in another order, and a bit may differ."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -169,13 +182,9 @@ def evaluate(registry: Registry, policy: PolicyRecord, task: str, episodes: int,
         IntegrityError: If the task is of another domain, or the policy can't be revived.
     """
     environment = needs_of(policy)[0] if task == policy.task else load(task)
-    if environment.domain != policy.domain:
-        raise IntegrityError(
-            f"{policy.id} is a {policy.domain} policy; {task} is a {environment.domain} task",
-            "policies can be played within their domain only",
-        )
+    require_domain(policy, environment)
     revived = revive(registry, policy)
-    with _one_thread():
+    with one_thread():
         result = played(revived, environment, episodes, seed)
     return {
         "policy": policy.id,

@@ -159,7 +159,7 @@ def run_transfer(
         setup = Setup(task, settings, job.seed, job.frames, sources, job.scenario, rules)
         kept = _learned(registry, run, method, setup, log, report, checkpointer)
         figures = LearningCurve(ended_episodes(registry, run.id), log.frames).figures()
-        log.results = figures | {"mean_length": kept.mean_length, "crispness": kept.crispness}
+        log.results = figures | figures_of(kept)
     return {
         "run": run.id,
         "policy": kept.id,
@@ -168,6 +168,7 @@ def run_transfer(
         "seed": job.seed,
         **log.counts(),
         **figures,
+        "success_rate": kept.success_rate,
     }
 
 

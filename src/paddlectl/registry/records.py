@@ -21,7 +21,8 @@ class RunRecord:
         settings: Every setting as resolved, JSON-able.
         versions: Of Python, the packages, the platform, and the thread count.
         frames: Environment steps taken; 0 until told.
-        results: Figures of the run (success_rate, mean_score, jump_start, …); empty until finished.
+        results: Figures of the run (success_rate, final_success, jump_start, …); empty until finished.
+            `success_rate` is of its policy on unseen layouts.
         policy: Id of the policy that came out of it, if any.
         created: ISO 8601, UTC, as `finished`.
         resumes: How often it was resumed after it had stopped.

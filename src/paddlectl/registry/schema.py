@@ -14,7 +14,6 @@ from sqlalchemy import (
     Select,
     Table,
     Text,
-    func,
     select,
 )
 
@@ -95,16 +94,20 @@ def _expected(table: Table) -> list[tuple[type, ...]]:
     return [(kind, NoneType) if c.nullable else (kind,) for kind, c in zip(kinds, table.columns, strict=True)]
 
 
-_RUN_FIELDS = [*runs.columns.keys(), "policy"]
+_RUN_FIELDS = [*runs.columns.keys(), "policy", "success_rate"]
 _RUN_JSON = [("sources", list), ("settings", dict), ("versions", dict), ("results", dict)]
-_RUN_TYPES = [*_expected(runs), (int, NoneType)]
+_RUN_TYPES = [*_expected(runs), (int, NoneType), (float, NoneType)]
 _POLICY_TYPES = _expected(policies)
 
 
 def select_runs() -> Select[Any]:
-    """Runs with their newest policy, as `run_records` takes them."""
-    newest = select(func.max(policies.c.id)).where(policies.c.run == runs.c.id).scalar_subquery()
-    return select(*runs.columns, newest.label("policy"))
+    """Runs with their newest policy and its success rate, as `run_records` takes them."""
+    own = policies.c.run == runs.c.id
+    newest = [
+        select(column).where(own).order_by(policies.c.id.desc()).limit(1).scalar_subquery().label(name)
+        for name, column in {"policy": policies.c.id, "success_rate": policies.c.success_rate}.items()
+    ]
+    return select(*runs.columns, *newest)
 
 
 def run_records(rows: Iterable[Sequence[Any]]) -> list[RunRecord]:
@@ -123,10 +126,19 @@ def _run_record(row: Sequence[Any], known: dict[str, Any]) -> RunRecord:
     name = f"run-{values['id']}"
     for field, kind in _RUN_JSON:
         values[field] = _stored(kind, values[field], name, known)
+    values["results"] = _renamed(values["kind"], values["results"], values.pop("success_rate"))
     values["id"] = name
     values["sources"] = tuple(values["sources"])
     values["policy"] = None if values["policy"] is None else f"policy-{values['policy']}"
     return RunRecord(**values)
+
+
+def _renamed(kind: str, results: dict[str, Any], success_rate: float | None) -> dict[str, Any]:
+    """Results by their names: a transfer's `success_rate` was that of its last 100 episodes once."""
+    if kind == "train" or "success_rate" not in results or "final_success" in results:
+        return results
+    now = {"final_success" if name == "success_rate" else name: value for name, value in results.items()}
+    return now if success_rate is None else now | {"success_rate": success_rate}
 
 
 def policy_records(rows: Iterable[Sequence[Any]]) -> list[PolicyRecord]:

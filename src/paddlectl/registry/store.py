@@ -21,7 +21,7 @@ from paddlectl.registry.names import ELSEWHERE, number_of
 from paddlectl.registry.records import RUN_STATES, Label, PolicyRecord, RunRecord
 from paddlectl.registry.schema import policies, policy_records, run_records, runs, select_runs
 
-Which = Literal["policies", "programs", "transfers", "ended", "stopped"]
+Which = Literal["policies", "programs", "runs", "transfers", "ended", "stopped"]
 
 
 class Registry:
@@ -311,7 +311,7 @@ class Registry:
             return [str(task) for task in connection.scalars(tasks)]
 
     def labels(self, which: Which) -> list[Label]:
-        """Of policies, of those with clauses, of transfers, of runs that have ended, or that can be resumed.
+        """Of policies, of those with clauses, of runs, transfers, runs that have ended, or can be resumed.
 
         The newest come first.
         """

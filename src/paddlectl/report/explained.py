@@ -45,8 +45,9 @@ WHY_OFTEN = {
 FIGURES = (
     ("jump-start", "jump_start", figure),
     ("final score", "final_score", figure),
-    ("success", "success_rate", percent),
+    ("final success", "final_success", percent),
     ("area under the curve", "area_under_curve", figure),
+    ("success", "success_rate", percent),
     ("length", "mean_length", tenths),
     ("crisp", "crispness", figure),
 )

@@ -27,9 +27,9 @@ class Tick(Protocol):
     @property
     def episodes(self) -> int: ...
     @property
-    def success_rate(self) -> float | None: ...
+    def latest_success(self) -> float | None: ...
     @property
-    def mean_score(self) -> float | None: ...
+    def latest_score(self) -> float | None: ...
     @property
     def note(self) -> str: ...
 
@@ -133,8 +133,8 @@ def _told(tick: Tick) -> str:
 
 def _rates(tick: Tick) -> str:
     solved = "no episode known yet"
-    if tick.success_rate is not None and tick.mean_score is not None:
-        solved = f"success {100 * tick.success_rate:.0f} %  score {tick.mean_score:.2f}"
+    if tick.latest_success is not None and tick.latest_score is not None:
+        solved = f"success {100 * tick.latest_success:.0f} %  score {tick.latest_score:.2f}"
     return f"{solved}  {clean(tick.note)}".rstrip()
 
 

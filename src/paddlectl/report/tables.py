@@ -138,8 +138,8 @@ TRANSFERRED = (
     Column("seconds", "seconds", tenths),
     Column("jump-start", "jump_start", figure),
     Column("final", "final_score", figure),
-    Column("success", "success_rate", percent),
     Column("area", "area_under_curve", figure),
+    Column("success", "success_rate", percent),
     Column("policy", "policy"),
 )
 EVALUATED = (

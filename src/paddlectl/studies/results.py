@@ -55,7 +55,7 @@ class Result:
     source_frames: int | None
     jump_start: float
     final_score: float
-    success_rate: float
+    final_success: float
     area_under_curve: float
     frames_to_success: int | None
     unseen_success: float

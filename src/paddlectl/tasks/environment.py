@@ -1,5 +1,6 @@
 """What the tasks' Gymnasium environments have in common."""
 
+from abc import abstractmethod
 from dataclasses import replace
 from typing import Any
 
@@ -19,10 +20,14 @@ class TaskEnv(gymnasium.Env[Any, Any]):
         split: Of which the layouts are.
         max_steps: Steps after which an episode is truncated, told as `spec.max_episode_steps`. Gymnasium's
             own `make(..., max_episode_steps=...)` can only shorten it.
+        episode: How many were begun, the present one among them.
+        earned: Rewards of the present one so far.
     """
 
     split: Split
     max_steps: int
+    episode: int = 0
+    earned: float = 0.0
     _spec: EnvSpec | None = None
 
     def configure(self, split: Split, max_steps: int) -> None:
@@ -35,6 +40,24 @@ class TaskEnv(gymnasium.Env[Any, Any]):
         if not isinstance(max_steps, int | np.integer) or max_steps < 1:
             raise ValueError(f"max_steps is a whole number from 1 on, not {max_steps!r}")
         self.max_steps = int(max_steps)
+
+    @property
+    @abstractmethod
+    def task(self) -> str:
+        """Its task's name."""
+
+    @abstractmethod
+    def mirror_in(self, engine: Any) -> None:
+        """Brings the one lane of its task's engine into the present state of this environment.
+
+        It is to be called after each step: an engine whose actions last several also keeps what happened
+        between the first and the last of them.
+        """
+
+    def begin_episode(self) -> None:
+        """Counts an episode that begins."""
+        self.episode += 1
+        self.earned = 0.0
 
     @property
     def spec(self) -> EnvSpec | None:

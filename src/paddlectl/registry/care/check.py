@@ -141,7 +141,7 @@ def _row(report: Report, name: str) -> None:
     row = report.rows[name]
     try:
         if name.startswith("run-"):
-            run = run_records([[*row.values(), None]])[0]
+            run = run_records([[*row.values(), None, None]])[0]
             _run_row(report, name, row, run.sources)
         else:
             policy_record(list(row.values()))

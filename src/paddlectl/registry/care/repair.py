@@ -143,7 +143,7 @@ def _is_row(name: str, row: dict[str, Any]) -> bool:
         return False
     values = [row[column] for column in columns]
     try:
-        run_records([[*values, None]]) if kind == "run" else policy_record(values)
+        run_records([[*values, None, None]]) if kind == "run" else policy_record(values)
     except IntegrityError:
         return False
     return True

@@ -105,10 +105,17 @@ class RunFiles:
 
     def document_names(self, run: str) -> list[str]:
         """The run's documents, also such as are missing though they were sealed, by name."""
+        return self._names(run, ".json")
+
+    def table_names(self, run: str) -> list[str]:
+        """The run's tables, likewise."""
+        return self._names(run, ".jsonl")
+
+    def _names(self, run: str, suffix: str) -> list[str]:
         with disk_faults(self._shown):
             sealed = manifests.read(self._folder, run).files or {}
             found = [*layout.run_files(self._folder, run), *map(Path, sealed)]
-        names = {path.stem for path in found if path.suffix == ".json"}
+        names = {path.stem for path in found if path.suffix == suffix}
         return sorted(filter(documents.is_name, names))
 
     # Checkpoints of a run that goes on

@@ -78,6 +78,21 @@ class Engine:
         """Starts all lanes from given positions, one a lane. [B, 2]"""
         self._start(np.arange(self.num_envs), starts)
 
+    def set_state(self, positions: Points, velocities: Points, facts: Ints, t: Ints) -> None:
+        """Puts all lanes into the midst of episodes; called after each step, it keeps what was touched.
+
+        Args:
+            positions: In metres. [B, 2]
+            velocities: In m/s. [B, 2]
+            facts: Bits of `symbols.Fact`. [B]
+            t: Steps since each lane's start; an action begins with each multiple of `action_repeat`. [B]
+        """
+        self.masses.put(np.arange(self.num_envs), positions, velocities)
+        self.facts, self.t = facts, t
+        self._finished[:] = False
+        begins = (t == 0) | ((t - 1) % self.action_repeat == 0)
+        self.touched = _touched(positions) | (self.touched & ~begins[:, None])
+
     def _start(self, lanes: Ints, starts: Points) -> None:
         self.masses.put(lanes, starts)
         self.t[lanes] = 0

@@ -86,6 +86,10 @@ class PaddleMazeEnv(TaskEnv):
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self._things = [thing for thing in _THINGS if thing[0] in self.spec_of_task.subgoals]
 
+    @property
+    def task(self) -> str:
+        return self.spec_of_task.name
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float64], dict[str, Any]]:
@@ -97,6 +101,7 @@ class PaddleMazeEnv(TaskEnv):
 
     def place(self, start: Points) -> None:
         """Starts an episode from a given position. [2]"""
+        self.begin_episode()
         self._point.set_state(start, np.zeros(2))
         self.t = 0
         self.held: set[Atom] = set()
@@ -128,6 +133,7 @@ class PaddleMazeEnv(TaskEnv):
                 reward += 10.0
         solved = self.at(s.GT_BALL) and len(self.delivered) == len(self._things)
         score = 100 * (1 - 0.9 * self.t / self.max_steps) if solved else 0.0
+        self.earned += reward + score
         return reward + score, score, solved, self.t >= self.max_steps and not solved
 
     def at(self, subgoal: Atom) -> bool:
@@ -142,8 +148,16 @@ class PaddleMazeEnv(TaskEnv):
 
     def observation(self) -> NDArray[np.float64]:
         """Position, velocity, and what is carried and delivered. [8]"""
-        facts = [get in had for get, _ in _THINGS for had in (self.held, self.delivered)]
-        return np.concatenate([self.position, self._point.data.qvel, facts])
+        return np.concatenate([self.position, self._point.data.qvel, self._facts()])
+
+    def _facts(self) -> list[bool]:
+        return [get in had for get, _ in _THINGS for had in (self.held, self.delivered)]
+
+    def mirror_in(self, engine: Engine) -> None:
+        """Brings the one lane of the task's engine into the present state."""
+        facts = sum(int(holds) << bit for bit, holds in enumerate(self._facts()))
+        velocity = self._point.data.qvel.copy()
+        engine.set_state(self.position[None], velocity[None], np.array([facts]), np.array([self.t]))
 
     def render(self) -> NDArray[np.uint8] | None:
         """The maze from above; a thing in hand is drawn on the ball. [288, 384, 3]"""

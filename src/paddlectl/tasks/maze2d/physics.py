@@ -84,14 +84,15 @@ class PointMasses:
         self.position: Points = np.zeros((num_envs, 2))
         self.velocity: Points = np.zeros((num_envs, 2))
 
-    def put(self, lanes: Ints, positions: Points) -> None:
-        """Puts these lanes at rest. [n], [n, 2]"""
-        for lane, position in zip(lanes, positions, strict=True):
+    def put(self, lanes: Ints, positions: Points, velocities: Points | None = None) -> None:
+        """Puts these lanes there, at rest without velocities. [n], [n, 2], [n, 2]"""
+        velocities = np.zeros_like(positions) if velocities is None else velocities
+        for lane, position, velocity in zip(lanes, positions, velocities, strict=True):
             self._mujoco.mj_resetData(self._model, self._data[lane])
-            self._place[lane][:] = position
+            self._place[lane][:], self._speed[lane][:] = position, velocity
             self._mujoco.mj_forward(self._model, self._data[lane])
         self.position[lanes] = positions
-        self.velocity[lanes] = 0.0
+        self.velocity[lanes] = velocities
 
     def push(self, lanes: Ints, forces: Points) -> None:
         """Sets the forces of these lanes, in [-1, 1]. [n], [n, 2]"""

@@ -152,6 +152,17 @@ class Engine:
         self.state = State.start(self.spec, layouts)
         self._restart(np.arange(self.num_envs))
 
+    def set_state(self, state: State, t: Ints, paid: Ints) -> None:
+        """Puts all lanes into the midst of episodes.
+
+        Args:
+            state: Theirs.
+            t: Steps since each lane's start. [B]
+            paid: A bit for each subgoal of the domain that was paid as a milestone. [B]
+        """
+        self.state, self.t, self._earned = state, t, paid
+        self._finished[:] = False
+
     def _restart(self, lanes: Ints) -> None:
         self.t[lanes] = 0
         self._earned[lanes] = 0

@@ -7,17 +7,30 @@ with the engine.
 from typing import Any
 
 import gymnasium
+import numpy as np
 from minigrid.core.grid import Grid
-from minigrid.core.world_object import Ball, Box, Door, Floor, Goal, Key, WorldObj
+from minigrid.core.world_object import Ball, Box, Door, Floor, Goal, Key, Wall, WorldObj
 from minigrid.minigrid_env import MiniGridEnv
 
 from paddlectl.logic.atoms import Atom
 from paddlectl.tasks.base import Split
 from paddlectl.tasks.environment import TaskEnv
-from paddlectl.tasks.minigrid.engine import Engine
-from paddlectl.tasks.minigrid.grid import ABSENT, HEIGHT, MIDDLE, WIDTH, Action, Facing, Thing
+from paddlectl.tasks.minigrid.engine import Engine, State
+from paddlectl.tasks.minigrid.grid import (
+    ABSENT,
+    CODE_OF_THING,
+    HEIGHT,
+    MIDDLE,
+    WIDTH,
+    Action,
+    Code,
+    Facing,
+    Held,
+    Thing,
+)
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, draw_layouts
 from paddlectl.tasks.minigrid.mission import Mission
+from paddlectl.tasks.minigrid.symbols import SUBGOALS
 
 
 class Tile(Floor):
@@ -85,11 +98,16 @@ class PaddleEnv(TaskEnv, MiniGridEnv):
         self.carrying: Any = None
         self.action_space = gymnasium.spaces.Discrete(len(Action) - 1)
 
+    @property
+    def task(self) -> str:
+        return self.spec_of_task.name
+
     def _gen_grid(self, width: int, height: int) -> None:
         self.place(draw_layouts(self.spec_of_task, self.np_random, 1, self.split))
 
     def place(self, layouts: Layouts, index: int = 0) -> None:
         """Starts an episode from one of the given layouts."""
+        self.begin_episode()
         self.grid = Grid(WIDTH, HEIGHT)
         self.grid.wall_rect(0, 0, MIDDLE + 1, HEIGHT)
         self.grid.wall_rect(MIDDLE, 0, MIDDLE + 1, HEIGHT)
@@ -144,12 +162,9 @@ class PaddleEnv(TaskEnv, MiniGridEnv):
         self._earned.update(new)
         solved = all(self.holds(subgoal) for subgoal in spec.success)
         score = self._reward() if solved else 0.0
-        return (
-            self.milestone_reward * len(new) + score,
-            score,
-            solved,
-            self.steps_remaining <= 0 and not solved,
-        )
+        reward = self.milestone_reward * len(new) + score
+        self.earned += reward
+        return reward, score, solved, self.steps_remaining <= 0 and not solved
 
     def _act(self, action: Action) -> None:
         if action < Action.PICK_UP:
@@ -194,6 +209,39 @@ class PaddleEnv(TaskEnv, MiniGridEnv):
         cell.toggle(self, front)
         if isinstance(cell, Chest):
             cell.contains.cur_pos = front
+
+    def mirror_in(self, engine: Engine) -> None:
+        """Brings the one lane of the task's engine into the present state."""
+        where = np.full((1, len(Thing)), ABSENT)
+        for thing, known in self._objects.items():
+            if known.cur_pos is not None and known is not self.carrying:
+                where[0, thing] = _cell(known.cur_pos)
+        if self._objects[Thing.KEY].cur_pos is not None:
+            where[0, Thing.BOX] = ABSENT  # it was opened, or there is none
+        state = State(
+            np.array([[self._code_of(cell) for cell in self.grid.grid]], np.uint8),
+            np.array([_cell(self.agent_pos)]),
+            np.array([self.agent_dir]),
+            np.array([Held.NOTHING if self.carrying is None else Held[self._name_of(self.carrying).name]]),
+            where,
+        )
+        milestones = self.spec_of_task.milestones
+        paid = sum(1 << SUBGOALS.index(milestones[number]) for number in self._earned)
+        engine.set_state(state, np.array([self.step_count]), np.array([paid]))
+
+    def _code_of(self, cell: Any) -> int:
+        if cell is None:
+            return Code.EMPTY
+        if isinstance(cell, Wall):
+            return Code.WALL
+        if cell is self.door:
+            return Code.OPEN if cell.is_open else self.spec_of_task.passage.value
+        if isinstance(cell, Tile) and cell.contains is not None:
+            return Code[f"{self._name_of(cell.contains).name}_PLACED"]
+        return int(CODE_OF_THING[self._name_of(cell)])
+
+    def _name_of(self, known: Any) -> Thing:
+        return next(thing for thing, other in self._objects.items() if other is known)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the window, if there is one; a copy opens its own."""
@@ -244,3 +292,8 @@ _VECTORS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by facing
 def _position(cell: int) -> tuple[int, int]:
     y, x = divmod(int(cell), WIDTH)
     return x, y
+
+
+def _cell(position: Any) -> int:
+    x, y = position
+    return int(y * WIDTH + x)
