@@ -108,9 +108,9 @@ class Result:
     """A run that has finished.
 
     Attributes:
-        run: Its id, for `paddlectl explain` and the like.
+        run: Its id, for `explain` and the like.
         policy: What it learned.
-        figures: As `paddlectl train --json` and `transfer --json` have them: `success_rate` on unseen
+        figures: As `train --json` and `transfer --json` have them: `success_rate` on unseen
             layouts, and of a transfer `jump_start`, `final_score`, `final_success` and `area_under_curve`.
         frames: Environment steps.
         episodes: That ended.

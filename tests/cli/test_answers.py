@@ -41,7 +41,7 @@ def test_similarity_by_hand(registry: Registry, command: Command) -> None:
         "similarity", "--target", TARGET, "--source", "BlockedDoor", "--source", "GapBall", "--json"
     )
     found = answer.json
-    assert list(found) == ["target", "body_weight", "head_weight", "sources", "scenes"]
+    assert list(found) == ["target", "body_weight", "head_weight", "sources", "scenes", "overall"]
     assert (found["target"], found["body_weight"], found["head_weight"]) == (TARGET, 0.8, 0.2)
     assert found["sources"] == ["policy-1", "policy-2"]
     scenes = {tuple(scene["body"]): scene for scene in found["scenes"]}
@@ -141,7 +141,7 @@ def test_lists_show_the_newest_and_say_how_many_more_there_are(
 
 def test_show(registry: Registry, command: Command) -> None:
     found = command("show", "BlockedDoor", "--json").json
-    assert list(found) == ["policy", "task", "clauses", "minimised"]
+    assert list(found) == ["policy", "task", "clauses", "minimised", "settings", "rules", "unusual"]
     assert (found["policy"], found["task"]) == ("policy-1", "BlockedDoor")
     assert found["clauses"][0] == {
         "head": "gt_blockage()",
@@ -158,7 +158,8 @@ def test_explain(registry: Registry, command: Command) -> None:
     assert (found["run"], found["method"], found["target"]) == ("run-3", "paddle", TARGET)
     assert found["sources"] == ["policy-1", "policy-2"]
     assert found["program"]["policy"] == "policy-3"
-    assert found["mapping"] == command("similarity", "--target", TARGET, "--json").json
+    similarity = command("similarity", "--target", TARGET, "--json").json
+    assert found["mapping"] == {name: value for name, value in similarity.items() if name != "overall"}
     assert len(found["weights"]) == 7
     assert {"scene", "policy", "similarity", "performance", "weight", "chosen", "phase"} <= set(
         found["weights"][0]

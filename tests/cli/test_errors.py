@@ -31,7 +31,7 @@ def expect(answer: Answer, code: int, *lines: str) -> None:
 USAGE = [
     ("trian", "Did you mean 'train'"),
     ("runs --jsn", "--jsn; did you mean --json?"),
-    ("show", "Missing argument 'POLICY'"),
+    ("show", "Missing argument 'POLICY|RUN'"),
     ("train BoxDoor --seed x", "'x' is no whole number; write it in digits"),
     ("train BoxDoor --seed -1", "-1 is not in the range 0 to 4294967295"),
     ("train BoxDoor --frames 400k", "'400k' is no whole number; write 400000"),
@@ -79,7 +79,7 @@ MISSING = [
     ("show policy-9", "no policy policy-9"),
     ("show DoorBall", "run: paddlectl train DoorBall"),
     ("show GapBal", "did you mean GapBall? or run: paddlectl policies"),
-    ("show run-1", "run: paddlectl policies"),
+    ("show run-9", "run: paddlectl runs"),
     ("evaluate OpenGoal", "run: paddlectl train OpenGoal"),
     ("evaluate GapBall --task BoxDor", "did you mean BoxDoor"),
     (f"similarity --target {TARGET} --source DoorBall", "run: paddlectl train DoorBall"),

@@ -183,7 +183,7 @@ PROVOKED: list[tuple[Callable[[Registry], object], str]] = [
     (nothing, "show doorball"),
     (nothing, "show DoorBall"),
     (nothing, "show quaternions"),
-    (nothing, "show run-1"),
+    (nothing, "show run-9"),
     (nothing, "show policy-9"),
     (nothing, "evaluate OpenGoa"),
     (nothing, "evaluate GapBall"),

@@ -264,7 +264,7 @@ def test_the_names_that_settings_had_are_read(soft: Registry) -> None:
         {"sharpness": None},
         {"sharpness": {"power": 1.0}},
         {"low_level": 1},
-        {"low_level": {"hidden": [400]}},
+        {"low_level": {"hidden": 400}},
         {"credit": {"planned": 1}},
     ],
 )

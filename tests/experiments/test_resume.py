@@ -167,7 +167,8 @@ def test_a_run_without_a_checkpoint_starts_again(place: Path, unbroken: Unbroken
 def test_state_that_isnt_this_versions_is_refused(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     registry = Registry.open(place)
     run = stopped(registry)
-    monkeypatch.setattr(ppo, "mlp", partial(ppo.mlp, hidden=(8,)))
+    usual = ppo.mlp
+    monkeypatch.setattr(ppo, "mlp", lambda *sizes, **_: usual(*sizes, hidden=(8,)))
     with pytest.raises(IntegrityError, match="doesn't fit this version"):
         resume(run, registry, quiet, Checkpointer())
 

@@ -117,7 +117,7 @@ def test_the_step_of_a_termination():
 
 @pytest.mark.parametrize("gap, low, high", [(0.01, 0.45, 0.55), (1.0, 0.9, 1.0)])
 def test_values_that_hardly_differ_end_no_option_for_good(gap, low, high):
-    options = Options(3, 1, 2, 0, replace(OPTIONS["ppo"], regulariser=0.0))
+    options = Options(3, 1, 2, 0, replace(OPTIONS["ppo"], regulariser=0.0, termination_rate=0.1))
     columns = torch.tensor([0] * 3), torch.tensor([-gap] * 3), torch.ones(3)
     for _ in range(100):
         options.improve_termination(Arrivals(states(0, 1, 2), *columns))
