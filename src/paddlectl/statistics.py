@@ -92,7 +92,7 @@ def interval(
     """Both ends of a statistic's 95 % interval by the percentile bootstrap over seeds.
 
     The plain percentile interval is rliable's. It is too short where seeds are few: at ten it covers the mean
-    in 90 % of simulated studies, at six in 86 %. The expanded one (Hesterberg 2015) is of percentiles further
+    in 90 % of simulated studies, at six in 85 %. The expanded one (Hesterberg 2015) is of percentiles further
     out, by what Student's t has over the normal, and the seeds' variance over that of resamples: COVERAGE.
 
     Args:

@@ -28,6 +28,7 @@ def test_a_study_is_run_once(command: Command, tmp_path: Path) -> None:
     before = command("sweep", file, "--dry-run")
     assert before.code == 0
     assert before.out.startswith("small: 2 cells: 2 missing\nto run: 4 runs × 2,048 frames, ")
+    assert not (tmp_path / "registry").exists(), "to look makes nothing"
     done = command("sweep", file, "--results", results, "--jobs", 2)
     assert done.code == 0 and done.out.startswith("small: 2 cells: 2 finished\n")
     runs = Registry.open(tmp_path / "registry").runs()
@@ -97,6 +98,8 @@ def test_what_is_wrong_is_told_before_anything_is_made(command: Command, tmp_pat
     file = study(tmp_path, "padle")
     answer = command("sweep", file)
     assert answer.code == 3 and f"{file}:3:11: unknown method 'padle'" in answer.err
+    command("sweep", file, "--results", tmp_path / "new" / "results.json")
+    assert not (tmp_path / "new").exists()
     assert not (tmp_path / "registry").exists()
     answer = command("sweep", study(tmp_path), "--results", tmp_path)
     assert answer.code == 2 and f"{tmp_path} is a folder" in answer.err

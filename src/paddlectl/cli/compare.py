@@ -42,61 +42,69 @@ class Traits(NamedTuple):
     task: str
 
 
+ComparedFile = Annotated[
+    Path | None,
+    typer.Argument(
+        parser=file_at,
+        metavar="FILE",
+        autocompletion=complete_results,
+        help="A study, or a file of results (.json). Without: the finished transfers of the registry.",
+        show_default=False,
+    ),
+]
+Scenarios = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="S",
+        autocompletion=complete_compared,
+        help="Only this scenario; repeat for more.",
+        show_default=False,
+    ),
+]
+Methods = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="M",
+        autocompletion=one_method_of(METHODS),
+        help="Only this method; repeat for more.",
+        show_default=False,
+    ),
+]
+Targets = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="TASK",
+        autocompletion=complete_tasks,
+        help="Only this target; repeat for more.",
+        show_default=False,
+    ),
+]
+Figure = Annotated[
+    str,
+    typer.Option(
+        metavar="FIGURE",
+        autocompletion=complete_figures,
+        help="What is shown: area_under_curve, jump_start, final_score or frames_to_success.",
+    ),
+]
+Chosen = Annotated[
+    str | None,
+    typer.Option(
+        metavar="METHOD",
+        autocompletion=one_method_of(METHODS),
+        help="The one that each other is compared with; paddle without.",
+        show_default=False,
+    ),
+]
+
+
 def compare(
-    file: Annotated[
-        Path | None,
-        typer.Argument(
-            parser=file_at,
-            metavar="FILE",
-            autocompletion=complete_results,
-            help="A study, or a file of results (.json). Without: the finished transfers of the registry.",
-            show_default=False,
-        ),
-    ] = None,
-    scenario: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="S",
-            autocompletion=complete_compared,
-            help="Only this scenario; repeat for more.",
-            show_default=False,
-        ),
-    ] = None,
-    method: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="M",
-            autocompletion=one_method_of(METHODS),
-            help="Only this method; repeat for more.",
-            show_default=False,
-        ),
-    ] = None,
-    task: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="TASK",
-            autocompletion=complete_tasks,
-            help="Only this target; repeat for more.",
-            show_default=False,
-        ),
-    ] = None,
-    figure: Annotated[
-        str,
-        typer.Option(
-            metavar="FIGURE",
-            autocompletion=complete_figures,
-            help="What is shown: area_under_curve, jump_start, final_score or frames_to_success.",
-        ),
-    ] = "area_under_curve",
-    of: Annotated[
-        str | None,
-        typer.Option(
-            metavar="METHOD",
-            autocompletion=one_method_of(METHODS),
-            help="The one that each other is compared with; paddle without.",
-            show_default=False,
-        ),
-    ] = None,
+    file: ComparedFile = None,
+    scenario: Scenarios = None,
+    method: Methods = None,
+    task: Targets = None,
+    figure: Figure = "area_under_curve",
+    of: Chosen = None,
     seeds: ManySeeds = None,
     frames: StudyFrames = None,
     registry: RegistryPlace = "registry",

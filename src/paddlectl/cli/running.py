@@ -3,10 +3,11 @@
 import statistics
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from paddlectl.cli.texts import here
-from paddlectl.errors import PaddlectlError
+from paddlectl.errors import NotFoundError, PaddlectlError
 
 if TYPE_CHECKING:
     from paddlectl.experiments.jobs import Event, Failure, Job
@@ -170,13 +171,14 @@ def _duration(asked: Sequence[Asked], workers: int, registry: str, usually: floa
     """As long as earlier runs of the same task and method took, or of any; empty if there were none."""
     from paddlectl.registry.store import Registry
 
-    with Registry.open(registry) as opened:
+    kinds: dict[tuple[str, str, str], float | None] = {}
+    with suppress(NotFoundError), Registry.open(registry, create=False) as opened:
         kinds = {each[2:5]: opened.seconds_per_frame(*each[2:5]) for each in asked}
     known = [rate for rate in kinds.values() if rate]
     rate = statistics.median(known) if known else usually
     if rate is None:
         return ""
-    each_takes = [(kinds[each[2:5]] or rate) * each.frames for each in asked]
+    each_takes = [(kinds.get(each[2:5]) or rate) * each.frames for each in asked]
     seconds = max(sum(each_takes) / min(workers, len(asked)), max(each_takes))
     return f", about {_spelled(seconds)}"
 

@@ -3,6 +3,7 @@
 import shlex
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,7 +21,7 @@ from paddlectl.cli.options import (
     file_at,
 )
 from paddlectl.cli.texts import here
-from paddlectl.errors import PaddlectlError, UsageError
+from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -35,17 +36,30 @@ SECONDS = 5e-4  # that a frame takes about, where no run tells
 PATIENCE = 1.0  # seconds between two looks at runs that go on in other processes
 
 
+StudyFile = Annotated[
+    Path,
+    typer.Argument(
+        parser=file_at,
+        metavar="STUDY.yaml",
+        autocompletion=complete_scenarios,
+        help="Scenarios, methods, variants and seeds to compare.",
+        show_default=False,
+    ),
+]
+ResultsFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--results",
+        parser=file_at,
+        metavar="FILE.json",
+        help="Write the finished cells there, for compare and plot without the registry.",
+        show_default=False,
+    ),
+]
+
+
 def sweep(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            parser=file_at,
-            metavar="STUDY.yaml",
-            autocompletion=complete_scenarios,
-            help="Scenarios, methods, variants and seeds to compare.",
-            show_default=False,
-        ),
-    ],
+    file: StudyFile,
     seeds: ManySeeds = None,
     frames: StudyFrames = None,
     dry_run: Annotated[
@@ -54,15 +68,7 @@ def sweep(
     fail_fast: Annotated[
         bool, typer.Option("--fail-fast", help="Stop all when one fails; without, the others go on.")
     ] = False,
-    results: Annotated[
-        Path | None,
-        typer.Option(
-            parser=file_at,
-            metavar="FILE.json",
-            help="Write the finished cells there, for compare and plot without the registry.",
-            show_default=False,
-        ),
-    ] = None,
+    results: ResultsFile = None,
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     registry: RegistryPlace = "registry",
@@ -80,18 +86,18 @@ def sweep(
         from paddlectl.studies.study import load_study
         from paddlectl.studies.sweep import finished, plan, results_of
 
-        if results is not None:
-            results.parent.mkdir(parents=True, exist_ok=True)
-            if results.is_dir():
-                raise UsageError(f"{results} is a folder", "name a file in it")
         loaded = load_study(file)
+        if results is not None:
+            _require_writable(results)
         cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
         line = _line(file, seeds, frames)
-        with Registry.open(registry) as opened:
-            failed = {} if dry_run else _run_missing(opened, cells, line, fail_fast, jobs, checkpoint_every)
-            now = plan(opened, cells)
-            if results is not None:
-                write_results(results, results_of(opened, finished(opened, cells)))
+        failed: Mapping[str, Failure] = {}
+        opened = _opened(registry) if dry_run else Registry.open(registry)
+        if opened and not dry_run:
+            failed = _run_missing(opened, cells, line, fail_fast, jobs, checkpoint_every)
+        now = plan(opened, cells)
+        if results is not None:
+            write_results(results, results_of(opened, finished(opened, cells)) if opened else ())
         left = _estimate(now, registry, jobs) if dry_run else ""
     if as_json:
         print_json(document(loaded.study.name, now, failed))
@@ -119,6 +125,21 @@ def document(study: str, now: "Plan", failed: "Mapping[str, Failure]") -> dict[s
     return {"study": study, "cells": cells, "failed": told}
 
 
+def _require_writable(results: Path) -> None:
+    if results.is_dir():
+        raise UsageError(f"{results} is a folder", "name a file in it")
+    results.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _opened(registry: str) -> "Registry | None":
+    """The registry, if there is one; none is made to look at it."""
+    from paddlectl.registry.store import Registry
+
+    with suppress(NotFoundError):
+        return Registry.open(registry, create=False)
+    return None
+
+
 def _run_missing(
     registry: "Registry",
     cells: "Sequence[Cell]",
@@ -134,6 +155,7 @@ def _run_missing(
 
     failed: dict[str, Failure] = {}
     tried: set[str] = set()
+    waited = ""
     try:
         with registry.files.sweeping():
             while True:
@@ -146,6 +168,7 @@ def _run_missing(
                         failed.pop(step.name, None)
                     failed |= ended.failed
                 elif now.elsewhere:
+                    waited = _waiting(now, waited)
                     time.sleep(PATIENCE)
                 if (fail_fast and failed) or not (steps or now.elsewhere):
                     break
@@ -154,6 +177,14 @@ def _run_missing(
         raise
     lacking = {} if fail_fast and failed else now.lacking(tried, failed)
     return failed | {name: Failure(None, PaddlectlError(why)) for name, why in lacking.items()}
+
+
+def _waiting(now: "Plan", before: str) -> str:
+    """Says for which runs it waits, if that isn't what it said before."""
+    runs = ", ".join(dict.fromkeys(run.id for run in now.elsewhere))
+    if runs != before:
+        print(f"waiting for other processes, which go on with {runs}", file=sys.stderr)
+    return runs
 
 
 def _estimate(now: "Plan", registry: str, jobs: int | None) -> str:

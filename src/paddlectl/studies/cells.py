@@ -111,10 +111,10 @@ WAITING = Found("waiting")
 class Runs:
     """The runs of a registry by what decides them. It reads the registry once."""
 
-    def __init__(self, registry: Registry) -> None:
+    def __init__(self, registry: Registry | None) -> None:
         self._registry = registry
         self._known: dict[str, list[RunRecord]] = {}
-        for record in reversed(registry.runs()):
+        for record in reversed(registry.runs() if registry else ()):
             self._known.setdefault(_key_of(record), []).append(record)
 
     def source(self, source: Source) -> Found:
@@ -142,6 +142,7 @@ class Runs:
     def _state(self, record: RunRecord) -> str:
         if record.status == "finished":
             return "finished" if record.policy else "stopped"
+        assert self._registry is not None
         alive = record.status == "running" and self._registry.files.goes_on(record.id)
         return "running" if alive else "stopped"
 

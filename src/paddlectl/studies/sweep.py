@@ -100,8 +100,8 @@ class Plan(NamedTuple):
         return [step for step in steps.values() if step]
 
 
-def plan(registry: Registry, cells: Sequence[Cell]) -> Plan:
-    """How far the registry is with the cells."""
+def plan(registry: Registry | None, cells: Sequence[Cell]) -> Plan:
+    """How far the registry is with the cells; nothing is done where there is none."""
     runs = Runs(registry)
     sources = {source: runs.source(source) for cell in cells for source in cell.sources}
     known: dict[str, Found] = {}
