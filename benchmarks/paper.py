@@ -104,7 +104,7 @@ def _cells(document: Document, results: Sequence[Result]) -> Iterator[tuple[str,
             str(cell["n"]),
             *figures,
             "never" if reached is None or reached == float("inf") else f"{reached:,.0f}",
-            f"{100 * min(run.unseen_success for run in runs):.0f} %",
+            f"{100 * min(run.unseen_success for run in runs):.1f} %",
             f"{sum(run.unseen_length for run in runs) / len(runs):.1f}",
             "–" if cell["source_frames"] is None else f"{cell['source_frames']:,}",
         )

@@ -36,37 +36,42 @@ if TYPE_CHECKING:
 EXAMPLE = "Example: paddlectl transfer scenarios/A.yaml --seed 0 --frames 60000 --train-missing"
 
 
+ScenarioFile = Annotated[
+    Path,
+    typer.Argument(
+        parser=file_at,
+        metavar="FILE.yaml",
+        autocompletion=complete_scenarios,
+        help="A scenario: target, sources, method, seeds, frames.",
+        show_default=False,
+    ),
+]
+AnyMethod = Annotated[
+    str | None,
+    typer.Option(
+        metavar="M",
+        autocompletion=one_method_of(METHODS),
+        help=f"Instead of the scenario's: {', '.join(METHODS)}.",
+        show_default=False,
+    ),
+]
+ItsFrames = Annotated[
+    int | None,
+    typer.Option(
+        parser=FRAMES,
+        metavar="N",
+        help="Environment steps, instead of the scenario's.",
+        show_default=False,
+    ),
+]
+
+
 def transfer(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            parser=file_at,
-            metavar="FILE.yaml",
-            autocompletion=complete_scenarios,
-            help="A scenario: target, sources, method, seeds, frames.",
-            show_default=False,
-        ),
-    ],
-    method: Annotated[
-        str | None,
-        typer.Option(
-            metavar="M",
-            autocompletion=one_method_of(METHODS),
-            help=f"Instead of the scenario's: {', '.join(METHODS)}.",
-            show_default=False,
-        ),
-    ] = None,
+    file: ScenarioFile,
+    method: AnyMethod = None,
     seed: OneSeed = None,
     seeds: ManySeeds = None,
-    frames: Annotated[
-        int | None,
-        typer.Option(
-            parser=FRAMES,
-            metavar="N",
-            help="Environment steps, instead of the scenario's.",
-            show_default=False,
-        ),
-    ] = None,
+    frames: ItsFrames = None,
     changed: Changed = None,
     train_missing: Annotated[
         bool, typer.Option("--train-missing", help="Train the sources that the registry lacks.")
