@@ -9,6 +9,7 @@ from sqlalchemy import insert, select, update
 from paddlectl.experiments.jobs import TransferJob
 from paddlectl.registry.schema import policies, runs
 from paddlectl.registry.store import Registry
+from paddlectl.report.summary import MOST_LINES
 from samples import GAP_BALL, ROOT, TARGET, Command, add_source, add_transfer, body, program
 
 Process = Callable[..., subprocess.CompletedProcess[str]]
@@ -169,7 +170,7 @@ def test_explain(registry: Registry, command: Command) -> None:
 
 
 def test_explain_says_who_led_and_why(registry: Registry, command: Command) -> None:
-    told = " ".join(command("explain").out.split())
+    told = " ".join(command("explain", "--full").out.split())
     assert (
         "Early: BlockedDoor led 96 % of 400 decisions; of these 100 % as its Λ was the largest. Its subgoal"
         " (likeliest: gt_blockage()) was reached in 95 %. At the end of the phase its Λ was 1.10 (ψ 0.69,"
@@ -187,6 +188,14 @@ def test_explain_says_who_led_and_why(registry: Registry, command: Command) -> N
     )
 
 
+def test_explain_is_short_unless_all_is_asked_for(registry: Registry, command: Command) -> None:
+    told = command("explain").out
+    assert len(told.splitlines()) <= MOST_LINES
+    assert "jump-start 0.70" in told and "In the end it leads in the one scene" in " ".join(told.split())
+    assert told.endswith("all of it: paddlectl explain run-3 --full\n")
+    assert len(command("explain", "--full").out.splitlines()) > MOST_LINES
+
+
 def test_explain_takes_the_newest_transfer(registry: Registry, command: Command) -> None:
     add_transfer(registry)
     add_source(registry, "GapBall", program("GapBall", GAP_BALL))
@@ -195,7 +204,14 @@ def test_explain_takes_the_newest_transfer(registry: Registry, command: Command)
 
 
 def test_text_fits_a_hundred_columns(registry: Registry, command: Command) -> None:
-    for line in ("explain", "runs", "policies", "show GapBall", f"similarity --target {TARGET}"):
+    for line in (
+        "explain",
+        "explain --full",
+        "runs",
+        "policies",
+        "show GapBall",
+        f"similarity --target {TARGET}",
+    ):
         assert max(map(len, command(*line.split()).out.splitlines())) <= 100
 
 

@@ -88,7 +88,7 @@ def test_every_column_can_be_told_from_the_others(
 
 def test_help_and_errors_are_spelled_too(shown: Shown) -> None:
     for name in ("ascii", "cp437", "cp864", "cp037", "gbk", "utf_16"):
-        for line in ("--help", "similarity --help", "explain"):
+        for line in ("--help", "similarity --help", "explain", "explain --full"):
             out, err = shown(line, name)
             assert err == "" and "?" not in out, (name, line)
         out, err = shown("show →ψ×é", name)

@@ -334,8 +334,9 @@ def test_the_command_in_a_hint_works_and_no_hint_is_left_out(
     told.append(tried(lambda r: (stopped(r), stop_once(monkeypatch)), "train BoxDoor"))
     told.append(tried(lambda r: (study(r), stop_once(monkeypatch)), "sweep study.yaml"))
     with monkeypatch.context() as patched:
-        patched.setattr("paddlectl.report.explained.SHORTEST", 1)
-        told.append(tried(nothing, "explain run-3"))
+        for shortest in ("explained.SHORTEST", "summary.MOST"):
+            patched.setattr(f"paddlectl.report.{shortest}", 1)
+        told += [tried(nothing, f"explain run-3{full}") for full in ("", " --full")]
     damaged_program(registry)
     with pytest.raises(PaddlectlError) as caught:
         _source(registry, registry.policy("DoorBall").id)

@@ -97,7 +97,7 @@ def test_a_transfer_without_clauses_is_explained(flat: Registry, command: Comman
         run=run.id, checkpoint=flat.read_checkpoint(old), metadata=old.metadata, **shared, **figures
     )
     flat.finish_run(run.id, status="finished", frames=1, episodes=0, seconds=1.0, results={})
-    told = command("explain").out
+    told = command("explain", "--full").out
     assert "policy-2 for BoxDoor has no clause program." in told
     assert "ppo learns from scratch: there were no guides" in told
     assert told.endswith("paddlectl evaluate policy-2\n")

@@ -116,7 +116,7 @@ def decision(**more):
 def text(weights=(), trace=(), **more):
     document = {
         "program": None, "sources": [], "source_programs": [], "mapping": None, "weights": list(weights),
-        "reuse": [], "documents": {},
+        "reuse": [], "moments": [], "documents": {},
         "trace": list(trace), "trace_scores": {"early": 0.9, "late": None},
     }  # fmt: skip
     told = {"method": "paddle", "status": "finished", "results": {}, "policy": None, **more}

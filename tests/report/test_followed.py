@@ -73,6 +73,7 @@ def test_who_was_followed_over_training(registry, capsys):
     assert document["reuse"] == rows()
     assert "sources: BlockedDoor (policy-1), GapBall (policy-2)" in told
     assert cells(told, "until frame") == "until frame choices target BlockedDoor GapBall"
+    told = told.partition("over training")[2]
     assert cells(told, "3,000") == "3,000 100 90 % 10 % 0 %"
     assert cells(told, "6,000") == "6,000 100 20 % 60 % 20 %"
 

@@ -22,6 +22,9 @@ def explain(
         str,
         typer.Argument(metavar="RUN", autocompletion=complete_transfers, help="A transfer's run; or latest."),
     ] = LATEST,
+    full: Annotated[
+        bool, typer.Option("--full", help="Tell everything, on a terminal in a pager; else 40 lines at most.")
+    ] = False,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
@@ -30,7 +33,8 @@ def explain(
     from paddlectl.registry.store import Registry
     from paddlectl.report.explained import explanation_parts
     from paddlectl.report.explanation import explanation_document
-    from paddlectl.report.output import print_json, print_text
+    from paddlectl.report.output import print_json, print_paged, print_text
+    from paddlectl.report.summary import summary_parts
 
     opened = Registry.open(registry, create=False)
     record = transfer_run(opened, run)
@@ -38,8 +42,9 @@ def explain(
     if as_json:
         print_json(document)
     else:
-        parts = explanation_parts(document, record)
-        print_text([here(part) if isinstance(part, str) else part for part in parts])
+        told = explanation_parts(document, record) if full else summary_parts(document, record)
+        parts = [here(part) if isinstance(part, str) else part for part in told]
+        (print_paged if full else print_text)(parts)
 
 
 def transfer_run(registry: "Registry", run: str) -> "RunRecord":

@@ -1,9 +1,6 @@
 """An explanation for people: program, Ψ, who led in which scene and why, an episode decision by decision."""
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
 
 from rich.console import RenderableType
 
@@ -11,10 +8,12 @@ from paddlectl.registry.records import RunRecord
 from paddlectl.report.explanation import PHASES, TARGET
 from paddlectl.report.followed import document_parts, followed_parts, shown_contexts
 from paddlectl.report.grid import Grid, Head, Heading, Prose, Row
-from paddlectl.report.mapping import Labels, labels_for, legend, mapping_table, scene_text, source_text
+from paddlectl.report.mapping import Labels, labels_for, legend, mapping_table, scene_text
 from paddlectl.report.output import clean
 from paddlectl.report.programs import minimised_grid, program_parts
-from paddlectl.report.tables import figure, percent, tenths
+from paddlectl.report.standings import Document, SceneMet, Standing, Subgoals, scenes_met
+from paddlectl.report.summary import alone_parts, header_parts, name_of, verdict
+from paddlectl.report.tables import figure, percent
 
 RARE = 0.002  # share of all decisions below which a scene is only counted
 SELDOM = 0.01  # share of a leader's decisions below which a rule is left out
@@ -41,19 +40,6 @@ WHY_OFTEN = {
     "novel": "as novel-subgoal exploration",
 }
 
-# What a run's results are called here, and how they are written.
-FIGURES = (
-    ("jump-start", "jump_start", figure),
-    ("final score", "final_score", figure),
-    ("final success", "final_success", percent),
-    ("area under the curve", "area_under_curve", figure),
-    ("success", "success_rate", percent),
-    ("length", "mean_length", tenths),
-    ("crisp", "crispness", figure),
-)
-
-Document = Mapping[str, Any]
-
 
 def explanation_parts(document: Document, run: RunRecord) -> list[RenderableType]:
     """Everything, from what the run was to its traced episodes."""
@@ -61,26 +47,16 @@ def explanation_parts(document: Document, run: RunRecord) -> list[RenderableType
     scenes = scenes_met(document["weights"])
     reuse, documents = document["reuse"], document["documents"]
     return [
-        *_header(run, labels),
+        *header_parts(run, labels),
+        *verdict(document, labels),
         *_legend(document),
         *_program(document["program"], run),
         *_psi(document["mapping"], scenes, labels),
         *document_parts(documents, labels),
         *(_guidance(document, scenes, labels) if scenes else ()),
         *(followed_parts(reuse, labels) if reuse else ()),
-        *(_alone(run, documents) if not (scenes or reuse or document["trace"]) else ()),
+        *(alone_parts(run, documents) if not (scenes or reuse or document["trace"]) else ()),
         *_episodes(document, labels),
-    ]
-
-
-def _header(run: RunRecord, labels: Labels) -> list[RenderableType]:
-    results = run.results
-    told = [f"{name} {written(results[field])}" for name, field, written in FIGURES if field in results]
-    sources = ", ".join(source_text(source, labels) for source in run.sources) or "no sources"
-    return [
-        clean(f"{run.id}: {run.method} on {run.task}, seed {run.seed}, {run.frames:,} frames, {run.status}"),
-        f"sources: {sources}",
-        ", ".join(told),
     ]
 
 
@@ -125,7 +101,7 @@ def _shortest(program: Document) -> list[RenderableType]:
     return ["What it mostly does, in the shortest clauses:", minimised_grid(shown), *rest]
 
 
-def _psi(mapping: Document | None, scenes: "Sequence[SceneMet]", labels: Labels) -> list[RenderableType]:
+def _psi(mapping: Document | None, scenes: Sequence[SceneMet], labels: Labels) -> list[RenderableType]:
     if not mapping or not mapping["sources"]:
         return []
     known = {tuple(scene["body"]): scene for scene in mapping["scenes"]}
@@ -134,139 +110,6 @@ def _psi(mapping: Document | None, scenes: "Sequence[SceneMet]", labels: Labels)
         f"Ψ in the {len(met)} scenes met, of {len(mapping['scenes'])}; * marks the most similar"
     )
     return [heading, mapping_table(met, labels)]
-
-
-# Who led where
-
-
-@dataclass(frozen=True)
-class Standing:
-    """One policy in one scene and phase; ψ, Φ and Λ as they were at the end of the phase.
-
-    Attributes:
-        rules: Rule -> decisions in which the policy led by it; None if the run didn't record it.
-        dropped: It wasn't asked here any more at the end of the phase.
-        cut: Decisions that the horizon cut off: neither reached nor missed.
-    """
-
-    policy: str
-    similarity: float
-    performance: float
-    weight: float
-    chosen: int
-    reached: int
-    rules: Mapping[str, int] | None = None
-    dropped: bool = False
-    cut: int = 0
-
-    @property
-    def reached_share(self) -> float | None:
-        """Of its decisions that ended within the horizon; None if there was none."""
-        ended = self.chosen - self.cut
-        return self.reached / ended if ended > 0 else None
-
-
-@dataclass(frozen=True)
-class SceneMet:
-    """What happened in one scene.
-
-    Attributes:
-        decisions: Phase -> how often the scene came up.
-        standings: Phase -> its policies, the one chosen most often first.
-    """
-
-    body: tuple[str, ...]
-    decisions: Mapping[str, int]
-    standings: Mapping[str, tuple[Standing, ...]]
-
-    @property
-    def total(self) -> int:
-        return sum(self.decisions.values())
-
-
-def scenes_met(rows: Iterable[Document]) -> list[SceneMet]:
-    """Groups the rows of weights.jsonl by scene, most frequent first, without those that never came up."""
-    grouped: dict[tuple[str, ...], dict[str, dict[str, list[Document]]]] = {}
-    for row in rows:
-        phases = grouped.setdefault(tuple(row["scene"]), {})
-        phases.setdefault(row["phase"], {}).setdefault(row["policy"], []).append(row)
-    scenes = [_scene(body, phases) for body, phases in grouped.items()]
-    return sorted((scene for scene in scenes if scene.total), key=lambda scene: -scene.total)
-
-
-def _scene(body: tuple[str, ...], phases: Mapping[str, Mapping[str, Sequence[Document]]]) -> SceneMet:
-    decisions = {
-        phase: sum(row["decisions"] for row in next(iter(policies.values())))
-        for phase, policies in phases.items()
-    }
-    standings = {
-        phase: tuple(sorted((_standing(rows) for rows in policies.values()), key=lambda one: -one.chosen))
-        for phase, policies in phases.items()
-        if decisions[phase]
-    }
-    return SceneMet(body, decisions, standings)
-
-
-def _standing(rows: Sequence[Document]) -> Standing:
-    last = rows[-1]
-    return Standing(
-        last["policy"],
-        last["similarity"],
-        last["performance"],
-        last["weight"],
-        sum(row["chosen"] for row in rows),
-        sum(row["reached"] for row in rows),
-        _rules(rows),
-        last.get("dropped", False),
-        sum(row.get("cut", 0) for row in rows),
-    )
-
-
-def _rules(rows: Sequence[Document]) -> dict[str, int] | None:
-    """The counts of all rows; None if one of them has none."""
-    if any("rules" not in row for row in rows):
-        return None
-    total: Counter[str] = Counter()
-    for row in rows:
-        total.update(row["rules"])
-    return dict(total)
-
-
-class Subgoals:
-    """The subgoals that a program picks in a target scene, by way of the scenes that Ψ maps it to."""
-
-    def __init__(self, document: Document) -> None:
-        programs = {program["policy"]: program for program in document["source_programs"]}
-        if document["program"]:
-            programs[TARGET] = document["program"]
-        self._best = {policy: _best_heads(program["clauses"]) for policy, program in programs.items()}
-        self._mapped = {
-            (tuple(scene["body"]), match["policy"]): [tuple(body) for body in match["scenes"]]
-            for scene in (document["mapping"] or {"scenes": ()})["scenes"]
-            for match in scene["matches"]
-        }
-
-    def __call__(self, policy: str, body: tuple[str, ...]) -> str:
-        bodies = self._mapped.get((body, policy), [body])
-        best = self._best.get(policy, {})
-        return clean(" or ".join(sorted({best[mapped] for mapped in bodies if mapped in best})))
-
-
-def _best_heads(clauses: Iterable[Document]) -> dict[tuple[str, ...], str]:
-    """Body -> the head of its most probable clause."""
-    rising = sorted(clauses, key=lambda clause: float(clause["probability"]))
-    return {tuple(clause["body"]): clause["head"] for clause in rising}
-
-
-def _alone(run: RunRecord, documents: Document) -> list[RenderableType]:
-    """Why nothing is told of guides, and what tells how it plays."""
-    why = "there were no guides to choose from, and no episode was kept."
-    told = [f"{clean(run.method)} learns from scratch: {why}"] if not run.sources else []
-    if run.sources and not documents:
-        told = ["No choice among its sources was recorded."]
-    way = f"How it does on unseen layouts: paddlectl evaluate {run.policy}"
-    parts = [*told, *([way] if run.policy else [])]
-    return [Heading("Guidance"), *parts] if parts else []
 
 
 def _guidance(document: Document, scenes: Sequence[SceneMet], labels: Labels) -> list[RenderableType]:
@@ -305,14 +148,14 @@ def _told(scene: SceneMet, phase: str, labels: Labels, subgoals: Subgoals) -> It
     standings, decisions = scene.standings[phase], scene.decisions[phase]
     leader = standings[0]
     share = percent(leader.chosen / decisions)
-    yield f"{_name(leader.policy, labels)} led {share} of {decisions:,} decisions{_causes(leader)}."
+    yield f"{name_of(leader.policy, labels)} led {share} of {decisions:,} decisions{_causes(leader)}."
     if leader.chosen:
         likeliest = "likeliest in its final program" if leader.policy == TARGET else "likeliest"
         goal = subgoals(leader.policy, scene.body)
         which = f" ({likeliest}: {goal})" if goal else ""
         yield f"Its subgoal{which} was reached in {percent(leader.reached_share)}."
     yield _end(leader, standings[1:], labels)
-    dropped = [_name(one.policy, labels) for one in standings if one.dropped]
+    dropped = [name_of(one.policy, labels) for one in standings if one.dropped]
     if dropped:
         yield f"Dropped here by then, as its subgoal was reached too seldom: {', '.join(dropped)}."
 
@@ -337,12 +180,8 @@ def _end(leader: Standing, others: Sequence[Standing], labels: Labels) -> str:
     """How the leader and the best of the others stood at the end; not why anyone led before."""
     own = f"its Λ was {figure(leader.weight)} (ψ {figure(leader.similarity)}, Φ {figure(leader.performance)})"
     rival = max(others, key=lambda other: other.weight, default=None)
-    beside = f", {_name(rival.policy, labels)}'s {figure(rival.weight)}" if rival else ""
+    beside = f", {name_of(rival.policy, labels)}'s {figure(rival.weight)}" if rival else ""
     return f"At the end of the phase {own}{beside}."
-
-
-def _name(policy: str, labels: Labels) -> str:
-    return "the target itself" if policy == TARGET else labels(policy)
 
 
 def _standings_table(scene: SceneMet, labels: Labels) -> Grid:
@@ -382,7 +221,7 @@ def _decision(decision: Document, labels: Labels) -> list[RenderableType]:
     end = "reached" if decision["reached"] else missed
     took = f"{decision['steps']} steps, {end}"
     line = f"{decision['step']:>4}  {scene_text(decision['scene'])}"
-    who = f"{_name(decision['guide'], labels)} → {clean(decision['head'])}, {took}"
+    who = f"{name_of(decision['guide'], labels)} → {clean(decision['head'])}, {took}"
     return [
         line,
         Prose(who, 6, "bold"),

@@ -42,6 +42,7 @@ _REUSE = {
     "chosen": int,
     "reached": int | None,
 }
+_MOMENT = {"frames": int, "scene": int, "chosen": int, **_WEIGHING}
 _OWN_TEXT = {"mapping", "trace"}  # documents that are told each in a way of its own
 
 _COUNT = range(2**63)
@@ -80,6 +81,7 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
         ],  # those of an imported run are elsewhere
         "mapping": mapping,
         "weights": weights,
+        "moments": moment_rows(registry, run),
         "reuse": reuse,
         "documents": told,
         "trace": [{"phase": phase, **decision} for phase in PHASES for decision in trace.get(phase, ())],
@@ -95,6 +97,13 @@ def weight_rows(registry: Registry, run: RunRecord) -> list[dict[str, Any]]:
     """
     rows = registry.files.read_rows(run.id, "weights")
     _demand(run.id, "weights.jsonl", rows, _WEIGHT, _WEIGHT_MORE)
+    return rows
+
+
+def moment_rows(registry: Registry, run: RunRecord) -> list[dict[str, Any]]:
+    """The run's table `moments`, likewise."""
+    rows = registry.files.read_rows(run.id, "moments")
+    _demand(run.id, "moments.jsonl", rows, _MOMENT)
     return rows
 
 

@@ -32,12 +32,34 @@ def print_json(document: Any) -> None:
     sys.stdout.flush()
 
 
+def height(parts: Sequence[RenderableType]) -> int:
+    """How many lines `print_text` makes of them."""
+    out = console()
+    with out.capture() as captured:
+        _print(out, parts)
+    return captured.get().count("\n")
+
+
 def print_text(parts: Sequence[RenderableType]) -> None:
     """Renderables one below the other on stdout."""
+    _print(console(), parts)
+    sys.stdout.flush()
+
+
+def print_paged(parts: Sequence[RenderableType]) -> None:
+    """The same, on a terminal in the user's pager."""
     out = console()
+    if not out.is_terminal:
+        print_text(parts)
+        return
+    os.environ.setdefault("LESS", "-R")  # so that it shows colours
+    with out.pager(styles=True):
+        _print(out, parts)
+
+
+def _print(out: Console, parts: Sequence[RenderableType]) -> None:
     for part in parts:
         out.print(Prose(part) if isinstance(part, str) else part, crop=False)
-    sys.stdout.flush()
 
 
 def width() -> int:

@@ -1,0 +1,300 @@
+"""An explanation in forty lines: what a run came to, who led early and late, the learned program."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from rich.console import RenderableType
+
+from paddlectl.registry.records import RunRecord
+from paddlectl.report.explanation import PHASES, TARGET
+from paddlectl.report.followed import document_parts
+from paddlectl.report.grid import Grid, Head, Heading, Row
+from paddlectl.report.mapping import Labels, labels_for, scene_text, source_text
+from paddlectl.report.output import clean, height
+from paddlectl.report.programs import minimised_grid, program_parts
+from paddlectl.report.standings import Subgoals, scenes_met
+from paddlectl.report.tables import figure, percent, significant, tenths
+
+MOST_LINES = 40
+MOST = 12  # scenes, and clauses
+FREQUENT = 0.01  # share of the decisions from which a scene counts for the verdict
+NAMED = 3  # sources, and subgoals of one of them, that the verdict names
+
+# What a run's results are called here, and how they are written.
+FIGURES = (
+    ("jump-start", "jump_start", figure),
+    ("final score", "final_score", figure),
+    ("final success", "final_success", percent),
+    ("area under the curve", "area_under_curve", figure),
+    ("success", "success_rate", percent),
+    ("length", "mean_length", tenths),
+    ("crisp", "crispness", figure),
+)
+TERMS = (
+    "Λ: of the largest leads. It is made of ψ, how similar the logic of two scenes is, and Φ, what the"
+    " policy's decisions there earned."
+)
+
+SCENES = "A scene is written by the facts that hold in it; the other facts don't."
+
+Document = Mapping[str, Any]
+Context = tuple[str, ...]
+
+
+class Phase(NamedTuple):
+    """A part of a run.
+
+    Attributes:
+        until: Frames at its end.
+        scenes: How often each policy led, by scene.
+        weights: Its weight there at the end, by scene and policy.
+    """
+
+    until: int
+    scenes: Mapping[Context, Counter[str]]
+    weights: Mapping[tuple[Context, str], float]
+
+    @property
+    def total(self) -> int:
+        return sum(led.total() for led in self.scenes.values())
+
+    def leader(self, scene: Context) -> tuple[str, float] | None:
+        """Who led most of its decisions, and the share of them; None if the scene didn't come up."""
+        led = self.scenes.get(scene)
+        if not led:
+            return None
+        ((policy, count),) = led.most_common(1)
+        return policy, count / led.total()
+
+
+def summary_parts(document: Document, run: RunRecord) -> list[RenderableType]:
+    """No more than `MOST_LINES`, however many scenes there are."""
+    for most in range(MOST, -1, -1):
+        parts = _parts(document, run, most)
+        if height(parts) <= MOST_LINES:
+            return parts
+    return _parts({**document, "documents": {}}, run, 0)
+
+
+def _parts(document: Document, run: RunRecord, most: int) -> list[RenderableType]:
+    labels = labels_for(document)
+    early, late = phases(document)
+    told = [
+        *header_parts(run, labels),
+        *document_parts(document["documents"], labels),
+        *verdict(document, labels),
+    ]
+    if early and most:
+        weight, written = ("Λ", figure) if document["weights"] else ("weight", significant)
+        told += _leaders(early, late, labels, most, Head(weight, right=True, spare=True), written)
+        told += [TERMS] if document["weights"] else []
+    nothing = not (early or document["trace"])
+    told += alone_parts(run, document["documents"]) if nothing else []
+    told += _program(document["program"], run, most)
+    return [*told, "", f"all of it: paddlectl explain {run.id} --full"]
+
+
+def header_parts(run: RunRecord, labels: Labels) -> list[RenderableType]:
+    """What was run, and its figures."""
+    results = run.results
+    told = [f"{name} {written(results[field])}" for name, field, written in FIGURES if field in results]
+    sources = ", ".join(source_text(source, labels) for source in run.sources) or "no sources"
+    return [
+        clean(f"{run.id}: {run.method} on {run.task}, seed {run.seed}, {run.frames:,} frames, {run.status}"),
+        f"sources: {sources}",
+        ", ".join(told),
+    ]
+
+
+def phases(document: Document) -> tuple[Phase | None, Phase | None]:
+    """The early and the late part of the run, as far as they were recorded."""
+    if document["weights"]:
+        early, late = (
+            _guided([row for row in document["weights"] if row["phase"] == phase]) for phase in PHASES
+        )
+        return early, late
+    periods = sorted({row["frames"] for row in document["reuse"]})
+    if not periods:
+        return None, None
+    first, last = (
+        _followed([row for row in document["reuse"] if row["frames"] == frames])
+        for frames in (periods[0], periods[-1])
+    )
+    return (first, last) if len(periods) > 1 else (first, None)
+
+
+def _guided(rows: Sequence[Document]) -> Phase | None:
+    scenes, weights = {}, {}
+    for scene in scenes_met(rows):
+        (standings,) = scene.standings.values()
+        scenes[scene.body] = Counter({one.policy: one.chosen for one in standings})
+        weights.update({(scene.body, one.policy): one.weight for one in standings})
+    return Phase(max(row.get("frames", 0) for row in rows), scenes, weights) if scenes else None
+
+
+def _followed(rows: Sequence[Document]) -> Phase | None:
+    scenes: dict[Context, Counter[str]] = {}
+    for row in rows:
+        scenes.setdefault(tuple(row["context"]), Counter())[row["source"]] += row["chosen"]
+    weights = {(tuple(row["context"]), row["source"]): row["weight"] for row in rows}
+    met = {scene: led for scene, led in scenes.items() if led.total()}
+    return Phase(rows[0]["frames"], met, weights) if met else None
+
+
+def verdict(document: Document, labels: Labels) -> list[RenderableType]:
+    """Two sentences: who led at first, and when and where the target took over."""
+    early, late = phases(document)
+    if not early:
+        return []
+    sentences = [_at_first(early, document, labels), *_taken_over(document), *_at_the_end(late, labels)]
+    return ["", " ".join(sentences)]
+
+
+def _at_first(early: Phase, document: Document, labels: Labels) -> str:
+    led = sum(early.scenes.values(), Counter[str]())
+    subgoals = Subgoals(document)
+    told = []
+    for policy, count in led.most_common(NAMED):
+        goals = _goals(policy, early, subgoals) if document["weights"] else ""
+        told.append(f"{percent(count / early.total)} by {name_of(policy, labels)}{goals}")
+    others = early.total - sum(count for _, count in led.most_common(NAMED))
+    told += [f"{percent(others / early.total)} by others"] if others else []
+    until = f"Until frame {early.until:,}" if early.until else "At first"
+    return f"{until} the decisions were led {_joined(told)}."
+
+
+def _joined(texts: Sequence[str]) -> str:
+    """`a, b and c`."""
+    *some, last = texts
+    return f"{', '.join(some)} and {last}" if some else last
+
+
+def _goals(policy: str, early: Phase, subgoals: Subgoals) -> str:
+    """For which subgoals a source led where it led most."""
+    if policy == TARGET:
+        return ""
+    counts: Counter[str] = Counter()
+    for scene, led in early.scenes.items():
+        goal = subgoals(policy, scene)
+        if goal and led.most_common(1)[0][0] == policy:
+            counts[goal] += led[policy]
+    named = [goal for goal, _ in counts.most_common(NAMED)]
+    return f" (for {', '.join(named)})" if named else ""
+
+
+def _taken_over(document: Document) -> Iterator[str]:
+    """From when on the target led most decisions."""
+    moments: dict[int, Counter[str]] = {}
+    for row in document["moments"] or document["reuse"]:
+        led = moments.setdefault(row["frames"], Counter())
+        led[TARGET if row.get("policy", row.get("source")) == TARGET else "others"] += row["chosen"]
+    since = None
+    for frames, led in sorted(moments.items(), reverse=True):
+        if 2 * led[TARGET] <= led.total():
+            break
+        since = frames
+    if not moments:
+        return
+    if since is None:
+        yield "The target never led most of them for good."
+    elif since == min(moments):
+        yield "The target led most of them from the start."
+    else:
+        yield f"From frame {since:,} on the target led most of them."
+
+
+def _at_the_end(late: Phase | None, labels: Labels) -> Iterator[str]:
+    """Where others lead still."""
+    if not late:
+        return
+    frequent = [scene for scene, led in late.scenes.items() if led.total() >= FREQUENT * late.total]
+    leaders = [(scene, leader[0]) for scene in frequent if (leader := late.leader(scene))]
+    others = [(scene, policy) for scene, policy in leaders if policy != TARGET]
+    if not others:
+        all_ = (
+            f"all of the {len(leaders)} scenes that come" if len(leaders) > 1 else "the one scene that comes"
+        )
+        yield f"In the end it leads in {all_} up most."
+        return
+    scene, policy = others[0]
+    elsewhere = " and elsewhere" if len(others) > 1 else ""
+    own = len(leaders) - len(others) or "none"
+    yield (
+        f"In the end it leads in {own} of the {len(leaders)} scenes that come up most,"
+        f" {labels(policy)} in {context_text(scene)}{elsewhere}."
+    )
+
+
+def _leaders(
+    early: Phase,
+    late: Phase | None,
+    labels: Labels,
+    most: int,
+    weight: Head,
+    written: Callable[[float | None], str],
+) -> list[RenderableType]:
+    """Who led most in each scene, early and late; the most frequent scenes first."""
+    columns: tuple[Phase | None, ...] = (early, late)
+    totals: Counter[Context] = Counter()
+    for recorded in filter(None, columns):
+        totals.update({scene: led.total() for scene, led in recorded.scenes.items()})
+    rows = []
+    for scene, count in totals.most_common(most):
+        cells = [context_text(scene), percent(count / totals.total())]
+        for phase in columns:
+            leader = phase.leader(scene) if phase else None
+            value = phase.weights.get((scene, leader[0])) if phase and leader else None
+            cells += [labels(leader[0]), percent(leader[1]), written(value)] if leader else ["–", "", ""]
+        rows.append(Row(cells))
+    heads = [Head("scene", breaks=True), Head("met", right=True, spare=True)]
+    for name in PHASES:
+        heads += [Head(name), Head("led", right=True), weight]
+    rest = len(totals) - len(rows)
+    more = f"; left out as rare: {rest}" if rest else ""
+    return [
+        Heading(f"Who led most in each scene{more}"),
+        *([SCENES] if _scenes(totals) else []),
+        Grid(heads, rows),
+    ]
+
+
+def _scenes(totals: Mapping[Context, int]) -> bool:
+    return all(literal.endswith(")") for context in totals for literal in context)
+
+
+def context_text(context: Context) -> str:
+    """A scene by the facts that hold in it; else a name."""
+    return scene_text(context) if _scenes({context: 1}) else clean(", ".join(context))
+
+
+def name_of(policy: str, labels: Labels) -> str:
+    """A policy as the text calls it."""
+    return "the target itself" if policy == TARGET else labels(policy)
+
+
+def alone_parts(run: RunRecord, documents: Document) -> list[RenderableType]:
+    """Why nothing is told of guides, and what tells how it plays."""
+    why = "there were no guides to choose from, and no episode was kept."
+    told = [f"{clean(run.method)} learns from scratch: {why}"] if not run.sources else []
+    if run.sources and not documents:
+        told = ["No choice among its sources was recorded."]
+    way = f"How it does on unseen layouts: paddlectl evaluate {run.policy}"
+    parts = [*told, *([way] if run.policy else [])]
+    return [Heading("Guidance"), *parts] if parts else []
+
+
+def _program(program: Document | None, run: RunRecord, most: int) -> list[RenderableType]:
+    if program is None:
+        told = f"No policy was stored: the run is {clean(run.status)}."
+        return [told, f"run: paddlectl {'runs' if run.status == 'running' else f'resume {run.id}'}"]
+    if not program["clauses"]:
+        return program_parts(program)
+    shown = program["minimised"][:most]
+    more = len(program["minimised"]) - len(shown)
+    rest = [f"  and {more} more; run: paddlectl show {clean(program['policy'])}"] if more else []
+    return [
+        Heading("What it mostly does, in the shortest clauses"),
+        *([minimised_grid(shown)] if shown else []),
+        *rest,
+    ]
