@@ -181,6 +181,15 @@ MostRows = Annotated[
         "--limit", min=1, max=2**31 - 1, metavar="N", help="The newest N; 50 without.", show_default=False
     ),
 ]
+OfTask = Annotated[
+    str | None,
+    typer.Option(
+        "--task", metavar="TASK", autocompletion=complete_tasks, help="Of this task.", show_default=False
+    ),
+]
+OfMethod = Annotated[
+    str | None, typer.Option("--method", metavar="METHOD", help="By this method.", show_default=False)
+]
 CheckpointEvery = Annotated[
     float | None,
     typer.Option(
@@ -236,6 +245,18 @@ ManySeeds = Annotated[
         "--seeds", metavar="N-M", help="Several: 0-5, or 0,3,7; run side by side.", show_default=False
     ),
 ]
+
+
+def asked_for(**columns: str | None) -> dict[str, str]:
+    """Those that were given.
+
+    Raises:
+        UsageError: If one can't be the name of anything.
+    """
+    for name, value in columns.items():
+        if value is not None and not (value and value.isprintable()):
+            raise UsageError(f"--{name} is empty or isn't printable")
+    return {name: value for name, value in columns.items() if value is not None}
 
 
 def most_rows(every: bool, limit: int | None) -> int | None:

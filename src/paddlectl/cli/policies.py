@@ -1,11 +1,22 @@
 """`paddlectl policies`."""
 
-from paddlectl.cli.options import AsJson, EveryRow, MostRows, RegistryPlace, most_rows
+from paddlectl.cli.options import (
+    AsJson,
+    EveryRow,
+    MostRows,
+    OfMethod,
+    OfTask,
+    RegistryPlace,
+    asked_for,
+    most_rows,
+)
 
 EXAMPLE = "Example: paddlectl policies --json"
 
 
 def policies(
+    task: OfTask = None,
+    method: OfMethod = None,
     every: EveryRow = False,
     limit: MostRows = None,
     registry: RegistryPlace = "registry",
@@ -18,7 +29,8 @@ def policies(
     from paddlectl.report.tables import POLICIES, listed
 
     most = most_rows(every, limit)
-    document = policies_document(*Registry.open(registry, create=False).newest_policies(most))
+    wanted = asked_for(task=task, method=method)
+    document = policies_document(*Registry.open(registry, create=False).newest_policies(most, wanted))
     if as_json:
         print_json(document)
     else:

@@ -1,11 +1,96 @@
 """`paddlectl runs`."""
 
-from paddlectl.cli.options import AsJson, EveryRow, MostRows, RegistryPlace, most_rows
+import re
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Annotated, Any
 
-EXAMPLE = "Example: paddlectl runs --json"
+import typer
+
+from paddlectl.cli.options import (
+    AsJson,
+    EveryRow,
+    MostRows,
+    OfMethod,
+    OfTask,
+    RegistryPlace,
+    asked_for,
+    complete_compared,
+    most_rows,
+)
+from paddlectl.errors import UsageError
+from paddlectl.registry.names import nearest, shown
+from paddlectl.registry.records import RUN_STATES
+
+if TYPE_CHECKING:
+    from paddlectl.registry.store import Registry
+
+EXAMPLE = "Example: paddlectl runs --status finished --since 2d"
+UNITS = {"d": "days", "h": "hours", "m": "minutes"}
+
+
+def status_of(text: str) -> str:
+    """One of the states of a run.
+
+    Raises:
+        UsageError: If it is none.
+    """
+    if text in RUN_STATES:
+        return text
+    near = nearest(text, RUN_STATES)
+    raise UsageError(f"no run is ever {shown(text)}", f"{near}use one of {', '.join(RUN_STATES)}")
+
+
+def moment_of(text: str) -> str:
+    """A moment in UTC, as the registry writes them: `2d`, `12h` or `30m` ago, or a date with or without time.
+
+    Raises:
+        UsageError: If it is neither.
+    """
+    ago = re.fullmatch(r"([0-9]{1,6})([dhm])", text)
+    try:
+        if ago:
+            moment = datetime.now(UTC) - timedelta(**{UNITS[ago[2]]: int(ago[1])})
+        else:
+            moment = datetime.fromisoformat(text).astimezone(UTC)
+    except (ValueError, OverflowError) as error:
+        raise UsageError(f"{shown(text)} is no date", "use 2d, 12h, 30m or 2026-03-31") from error
+    return moment.isoformat(timespec="milliseconds")
 
 
 def runs(
+    status: Annotated[
+        str | None,
+        typer.Option(
+            "--status",
+            parser=status_of,
+            metavar="STATUS",
+            autocompletion=lambda: list(RUN_STATES),
+            help="Running, finished, interrupted or failed ones.",
+            show_default=False,
+        ),
+    ] = None,
+    task: OfTask = None,
+    method: OfMethod = None,
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            "--scenario",
+            metavar="NAME",
+            autocompletion=complete_compared,
+            help="Transfers of the scenario of this name.",
+            show_default=False,
+        ),
+    ] = None,
+    since: Annotated[
+        str | None,
+        typer.Option(
+            "--since",
+            parser=moment_of,
+            metavar="WHEN",
+            help="Begun since: 2d, 12h, 30m ago; or a date, 2026-03-31.",
+            show_default=False,
+        ),
+    ] = None,
     every: EveryRow = False,
     limit: MostRows = None,
     registry: RegistryPlace = "registry",
@@ -18,8 +103,19 @@ def runs(
     from paddlectl.report.tables import RUNS, listed
 
     most = most_rows(every, limit)
-    document = runs_document(*Registry.open(registry, create=False).newest_runs(most))
+    wanted = asked_for(status=status, task=task, method=method, scenario=scenario)
+    opened = Registry.open(registry, create=False)
+    document = runs_document(*opened.newest_runs(most, wanted, since or ""))
+    for row in document["runs"]:
+        if row["status"] == "running":
+            row["frames"] = max(row["frames"], _frames_so_far(opened, row))
     if as_json:
         print_json(document)
     else:
         print_text(listed(RUNS, document["runs"], document["total"]))
+
+
+def _frames_so_far(registry: "Registry", run: dict[str, Any]) -> int:
+    """Environment steps of a run that goes on, by the latest line of its log."""
+    latest = registry.files.read_rows(run["run"], "progress")[-1:]
+    return next((int(row["frames"]) for row in latest if isinstance(row.get("frames"), int)), 0)

@@ -4,10 +4,10 @@ import statistics
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self
 
-from sqlalchemy import select, update
+from sqlalchemy import ColumnElement, Table, select, update
 
 from paddlectl.errors import UsageError
 from paddlectl.registry import fields
@@ -22,6 +22,7 @@ from paddlectl.registry.records import RUN_STATES, Label, PolicyRecord, RunRecor
 from paddlectl.registry.schema import policies, policy_records, run_records, runs, select_runs
 
 Which = Literal["policies", "programs", "runs", "transfers", "ended", "stopped"]
+NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 class Registry:
@@ -170,11 +171,20 @@ class Registry:
         """All runs, newest first."""
         return self.newest_runs()[0]
 
-    def newest_runs(self, most: int | None = None) -> tuple[list[RunRecord], int]:
-        """At most so many runs, newest first, and how many there are in all."""
+    def newest_runs(
+        self, most: int | None = None, wanted: Mapping[str, str] = NOTHING, since: str = ""
+    ) -> tuple[list[RunRecord], int]:
+        """At most so many runs, newest first, and how many there are in all.
+
+        Args:
+            most: All of them if None.
+            wanted: Column -> what it has to hold.
+            since: Runs that began earlier are left out; in UTC, as `created` is written.
+        """
+        chosen = [*_equal(runs, wanted), *([runs.c.created >= since] if since else [])]
         with self.index.reading() as connection:
-            newest_first = select_runs().order_by(runs.c.id.desc()).limit(most)
-            return run_records(connection.execute(newest_first)), count(connection, runs)
+            newest_first = select_runs().where(*chosen).order_by(runs.c.id.desc()).limit(most)
+            return run_records(connection.execute(newest_first)), count(connection, runs, *chosen)
 
     def stopped_runs(self) -> list[RunRecord]:
         """Runs that were stopped and that no process goes on with, oldest first; not those that failed."""
@@ -294,11 +304,14 @@ class Registry:
         """All policies, newest first."""
         return self.newest_policies()[0]
 
-    def newest_policies(self, most: int | None = None) -> tuple[list[PolicyRecord], int]:
-        """At most so many policies, newest first, and how many there are in all."""
+    def newest_policies(
+        self, most: int | None = None, wanted: Mapping[str, str] = NOTHING
+    ) -> tuple[list[PolicyRecord], int]:
+        """At most so many policies, newest first, and how many there are in all; by column, as runs."""
+        chosen = _equal(policies, wanted)
         with self.index.reading() as connection:
-            newest_first = select(policies).order_by(policies.c.id.desc()).limit(most)
-            return policy_records(connection.execute(newest_first)), count(connection, policies)
+            newest_first = select(policies).where(*chosen).order_by(policies.c.id.desc()).limit(most)
+            return policy_records(connection.execute(newest_first)), count(connection, policies, *chosen)
 
     def solved(self, domain: str | None = None, method: str | None = None) -> list[str]:
         """The tasks that have a policy, those of one domain or all, of one method or of all, by name."""
@@ -348,6 +361,11 @@ class Registry:
         own = policy.program is None and self.run(policy.run).kind == "train"
         by = f" --method {policy.method}" if own else ""
         return f"train it again: paddlectl train {policy.task}{by}"
+
+
+def _equal(table: Table, wanted: Mapping[str, str]) -> list[ColumnElement[bool]]:
+    """That each of these columns holds what is wanted."""
+    return [table.c[name] == value for name, value in wanted.items()]
 
 
 def _require(values: Mapping[str, Any], kinds: Mapping[str, Any], what: str) -> None:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from sqlalchemy import Connection, Table, func, or_, select
+from sqlalchemy import ColumnElement, Connection, Table, func, or_, select
 
 from paddlectl.errors import NotFoundError
 from paddlectl.registry.names import is_id, nearest, number_of, shown
@@ -25,9 +25,9 @@ def rows_of(connection: Connection) -> dict[str, dict[str, Any]]:
     return found
 
 
-def count(connection: Connection, table: Table) -> int:
-    """How many rows the table has."""
-    return int(connection.scalar(select(func.count()).select_from(table)) or 0)
+def count(connection: Connection, table: Table, *chosen: ColumnElement[bool]) -> int:
+    """How many rows the table has, or so many as are chosen."""
+    return int(connection.scalar(select(func.count()).select_from(table).where(*chosen)) or 0)
 
 
 def find_run(connection: Connection, name: str) -> RunRecord:
