@@ -74,6 +74,7 @@ def test_what_cares_for_the_registry(fits: Any, registry: Registry) -> None:
     fits("registry export", "run-3 run.zip")
     fits("registry import", "run.zip --registry other")
     fits("registry upgrade")
+    assert fits("registry delete", "run-3 --yes")["deleted"]
     next((registry.folder / "objects").iterdir()).unlink()
     assert fits("registry check", code=5)["findings"]
     assert fits("registry repair", code=5)["lost"]

@@ -88,3 +88,14 @@ def test_a_run_that_goes_on_is_listed_with_its_frames_so_far(registry: Registry,
 def test_what_cant_be_meant_is_told(command: Command, line: str, told: str) -> None:
     answer = command(*line.split(" "))
     assert (answer.code, answer.out) == (2, "") and told in answer.err and "\x1b" not in answer.err
+
+
+def test_the_command_lists_first_and_asks_unless_told(registry: Registry, command: Command) -> None:
+    answer = command("registry", "delete", "run-3")
+    assert answer.code == 2 and "run-3" in answer.out and "add --yes" in answer.err
+    assert registry.run("run-3")
+    answer = command("registry", "delete", "run-3", "--yes")
+    assert answer.code == 0 and answer.out.endswith("bytes are free\n")
+    assert "run-3" not in listed(command, "runs")
+    refused = command("registry", "delete", "run-3", "--yes")
+    assert (refused.code, refused.out) == (4, "") and "no run run-3" in refused.err

@@ -1,11 +1,13 @@
-"""`paddlectl registry check | repair | gc | export | import | upgrade`."""
+"""`paddlectl registry check | repair | gc | delete | export | import | upgrade`."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from paddlectl.cli.options import AsJson, RegistryPlace, complete_held, file_at
+from paddlectl.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -101,6 +103,51 @@ def gc(
     else:
         what = "would go" if dry_run else "removed"
         print_text([*(clean(name) for name, _ in removed), f"{len(removed)} files {what}, {size:,} bytes"])
+
+
+@app.command(epilog="Example: paddlectl registry delete run-42")
+def delete(
+    names: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RUN|POLICY...",
+            autocompletion=complete_held,
+            help="Ids. A run and its policy go together.",
+            show_default=False,
+        ),
+    ],
+    with_dependants: Annotated[
+        bool, typer.Option("--with-dependants", help="Also delete runs that built on them.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Don't ask.")] = False,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Delete runs with their policies, for good, after they were listed."""
+    from paddlectl.registry.care.deletion import chosen_runs, remove
+    from paddlectl.report.documents import run_row
+    from paddlectl.report.output import print_json, print_text
+    from paddlectl.report.tables import RUNS, table
+
+    chosen = chosen_runs(registry, names, with_dependants=with_dependants)
+    if not as_json:
+        print_text([table(RUNS, map(run_row, chosen))])
+    if not (yes or _agreed(len(chosen))):
+        raise UsageError("nothing was deleted", "add --yes to delete what is listed")
+    freed = remove(registry, chosen)
+    if as_json:
+        print_json({"deleted": [{"run": run.id, "policy": run.policy} for run in chosen], "bytes": freed})
+    else:
+        print_text([f"deleted; {freed:,} bytes are free"])
+
+
+def _agreed(count: int) -> bool:
+    """Whether the user, if there is one, says yes."""
+    if not sys.stdin.isatty():
+        return False
+    what = "this run and its policy" if count == 1 else f"these {count:,} runs and their policies"
+    print(f"Delete {what} for good? [y/N] ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 @app.command(epilog="Example: paddlectl registry export BoxDoor boxdoor.zip")
