@@ -1,12 +1,17 @@
 """Which runs and policies are listed, and how far those are that go on."""
 
 import json
+import os
+import pty
+import signal
+import subprocess
+import sys
 
 import pytest
 
 from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
-from samples import TARGET, Command, add_source
+from samples import ROOT, TARGET, Command, add_source
 
 
 def listed(command: Command, line: str, field: str = "run") -> list[str]:
@@ -73,6 +78,20 @@ def test_a_run_that_goes_on_is_listed_with_its_frames_so_far(registry: Registry,
     assert json.loads(command("runs", "--status", "running", "--json").out)["runs"][0]["frames"] == 4096
 
 
+def test_watched_they_are_told_until_an_interrupt(registry: Registry) -> None:
+    line = [sys.executable, "-m", "paddlectl", "runs", "--watch", "--registry", str(registry.location)]
+    own, terminal = pty.openpty()
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src"), "TERM": "xterm", "COLUMNS": "100"}
+    process = subprocess.Popen(line, stdout=terminal, stderr=subprocess.PIPE, env=environment)
+    os.close(terminal)
+    shown = b""
+    while b"run-1" not in shown:
+        shown += os.read(own, 1000)
+    process.send_signal(signal.SIGINT)
+    assert (process.wait(20), process.communicate()[1]) == (130, b"interrupted\n")
+    os.close(own)
+
+
 @pytest.mark.parametrize(
     ("line", "told"),
     [
@@ -82,6 +101,7 @@ def test_a_run_that_goes_on_is_listed_with_its_frames_so_far(registry: Registry,
         ("runs --since 9999999d", "is no date"),
         ("runs --since 999999d", "is no date"),
         ("runs --task=", "--task is empty"),
+        ("runs --watch", "--watch needs a terminal"),
         ("policies --method=\x1b", "isn't printable"),
     ],
 )

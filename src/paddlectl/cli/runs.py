@@ -1,6 +1,7 @@
 """`paddlectl runs`."""
 
 import re
+import sys
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,9 +23,12 @@ from paddlectl.registry.names import nearest, shown
 from paddlectl.registry.records import RUN_STATES
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from paddlectl.registry.store import Registry
 
 EXAMPLE = "Example: paddlectl runs --status finished --since 2d"
+SECONDS = 2.0  # between two looks
 UNITS = {"d": "days", "h": "hours", "m": "minutes"}
 
 
@@ -91,6 +95,7 @@ def runs(
             show_default=False,
         ),
     ] = None,
+    watch: Annotated[bool, typer.Option("--watch", help="Look again every two seconds, until ^C.")] = False,
     every: EveryRow = False,
     limit: MostRows = None,
     registry: RegistryPlace = "registry",
@@ -99,20 +104,32 @@ def runs(
     """List the runs in the registry, newest first."""
     from paddlectl.registry.store import Registry
     from paddlectl.report.documents import runs_document
-    from paddlectl.report.output import print_json, print_text
+    from paddlectl.report.output import print_json, print_live, print_text
     from paddlectl.report.tables import RUNS, listed
 
     most = most_rows(every, limit)
     wanted = asked_for(status=status, task=task, method=method, scenario=scenario)
+    if watch and (as_json or not sys.stdout.isatty()):
+        raise UsageError("--watch needs a terminal", "leave it out")
     opened = Registry.open(registry, create=False)
-    document = runs_document(*opened.newest_runs(most, wanted, since or ""))
-    for row in document["runs"]:
-        if row["status"] == "running":
-            row["frames"] = max(row["frames"], _frames_so_far(opened, row))
+
+    def document() -> dict[str, Any]:
+        found = runs_document(*opened.newest_runs(most, wanted, since or ""))
+        for row in found["runs"]:
+            if row["status"] == "running":
+                row["frames"] = max(row["frames"], _frames_so_far(opened, row))
+        return found
+
+    def told() -> "list[RenderableType]":
+        found = document()
+        return listed(RUNS, found["runs"], found["total"])
+
     if as_json:
-        print_json(document)
+        print_json(document())
+    elif watch:
+        print_live(told, SECONDS)
     else:
-        print_text(listed(RUNS, document["runs"], document["total"]))
+        print_text(told())
 
 
 def _frames_so_far(registry: "Registry", run: dict[str, Any]) -> int:

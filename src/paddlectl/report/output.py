@@ -5,10 +5,12 @@ import math
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
 
 from paddlectl.report.grid import Prose
 
@@ -55,6 +57,16 @@ def print_paged(parts: Sequence[RenderableType]) -> None:
     os.environ.setdefault("LESS", "-R")  # so that it shows colours
     with out.pager(styles=True):
         _print(out, parts)
+
+
+def print_live(told: Callable[[], Sequence[RenderableType]], seconds: float) -> None:
+    """What `told` gives, in the same place again and again until ^C."""
+    with Live(console=console(), auto_refresh=False) as live:
+        while True:
+            live.update(
+                Group(*(Prose(part) if isinstance(part, str) else part for part in told())), refresh=True
+            )
+            time.sleep(seconds)
 
 
 def _print(out: Console, parts: Sequence[RenderableType]) -> None:
