@@ -85,6 +85,7 @@ def test_what_plays(fits: Any, tmp_path: Path) -> None:
     bundle.write_bytes(gzip.decompress((BUNDLES / "BoxDoor-0002.zip.gz").read_bytes()))
     bundles.import_(lambda: Registry.open(tmp_path / "other"), bundle)
     fits("evaluate", "BoxDoor --episodes 2 --registry other")
+    fits("watch", "BoxDoor --gif episode.gif --registry other")
 
 
 @pytest.mark.parametrize(

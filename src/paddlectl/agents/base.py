@@ -51,6 +51,13 @@ class Player(Protocol):
         """The scenes that the episode came through which has just ended there."""
         return ()
 
+    def subgoals(self) -> Ints | None:
+        """What each environment goes for since the latest action, by its place in the domain's subgoals. [B]
+
+        None if it knows no subgoals.
+        """
+        return None
+
 
 class ReuseRow(NamedTuple):
     """How one source stood in one context, for `explain`.

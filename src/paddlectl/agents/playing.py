@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from paddlectl.agents.base import Player, Policy
+from paddlectl.logic.atoms import Atom
 from paddlectl.tasks.base import Step, Task
 from paddlectl.tasks.environment import TaskEnv
 
@@ -33,6 +34,12 @@ class Playing:
         self._action: Any = None
         self._t = -1
         self._earned = 0.0
+
+    @property
+    def subgoal(self) -> Atom | None:
+        """What the latest action goes for; None of a policy without subgoals."""
+        present = self._player.subgoals()
+        return None if present is None else self._task.domain_subgoals[int(present[0])]
 
     def act(self, env: TaskEnv) -> Any:
         """The action for the environment's present state, as its `step` takes it."""

@@ -27,6 +27,7 @@ COMMANDS = {
     "tasks": "List the tasks that can be trained on and transferred to.",
     "train": "Train sources from scratch and keep them in the registry.",
     "evaluate": "Play a policy on layouts that it never trained on.",
+    "watch": "Watch an episode of a policy on an unseen layout, with its subgoals; or make a GIF of it.",
     "policies": "List the policies in the registry, newest first.",
     "runs": "List the runs in the registry, newest first.",
     "show": "Show a policy's clause program, raw and minimised, or a run; and by which numbers it learned.",

@@ -23,8 +23,6 @@ from paddlectl.registry.names import nearest, shown
 from paddlectl.registry.records import RUN_STATES
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from paddlectl.registry.store import Registry
 
 EXAMPLE = "Example: paddlectl runs --status finished --since 2d"
@@ -120,7 +118,7 @@ def runs(
                 row["frames"] = max(row["frames"], _frames_so_far(opened, row))
         return found
 
-    def told() -> "list[RenderableType]":
+    def told() -> list[Any]:
         found = document()
         return listed(RUNS, found["runs"], found["total"])
 

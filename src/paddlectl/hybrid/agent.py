@@ -10,7 +10,7 @@ from paddlectl.agents.base import Episode, ReuseRow, Tables
 from paddlectl.hybrid.policy import HybridPolicy
 from paddlectl.hybrid.rollout import DecisionListener, Rollout, SubgoalSelector
 from paddlectl.learners.base import Actor
-from paddlectl.tasks.base import Environment, Floats, Step
+from paddlectl.tasks.base import Environment, Floats, Ints, Step
 
 RECENT = 500
 """Latest episodes that the crispness told meanwhile is over."""
@@ -70,6 +70,10 @@ class HybridAgent:
         passed = self.rollout.scenes(lane)
         self._recent.add(passed)
         return passed
+
+    def subgoals(self) -> Ints:
+        """Those of the rollout. [B]"""
+        return self.rollout.subgoals()
 
     def update(self, environment: Environment, progress: float) -> dict[str, float]:
         """Updates the low level, then the clauses."""

@@ -204,6 +204,10 @@ class Rollout:
         """The scenes that the episode came through which has just ended there."""
         return self._ended[lane]
 
+    def subgoals(self) -> Ints:
+        """The present one of each lane, as an index into the domain's subgoals. [B]"""
+        return self._subgoal
+
     def _potentials(self, environment: Environment) -> Floats:
         """Φ of each lane's state under its present subgoal. [B]"""
         if not self._settings.shaping:

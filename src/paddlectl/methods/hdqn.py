@@ -204,6 +204,10 @@ class HDQNPlayer:
         """None."""
         return ()
 
+    def subgoals(self) -> Ints:
+        """Those of the rollout. [B]"""
+        return self.rollout.subgoals()
+
 
 class HDQNAgent(HDQNPlayer):
     """Both levels learn at once."""

@@ -7,7 +7,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -57,6 +57,29 @@ def print_paged(parts: Sequence[RenderableType]) -> None:
     os.environ.setdefault("LESS", "-R")  # so that it shows colours
     with out.pager(styles=True):
         _print(out, parts)
+
+
+class LivePictures:
+    """Pictures in one place of the terminal, one after another, each with a caption below."""
+
+    def __init__(self) -> None:
+        self._live = Live(console=console(), auto_refresh=False)
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+
+    @property
+    def encoding(self) -> str:
+        """Of the terminal."""
+        return self._live.console.encoding
+
+    def show(self, picture: RenderableType, caption: str) -> None:
+        """Puts this one in the place of the last."""
+        self._live.update(Group(picture, Prose(clean(caption))), refresh=True)
 
 
 def print_live(told: Callable[[], Sequence[RenderableType]], seconds: float) -> None:

@@ -8,7 +8,8 @@ import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-from paddlectl.tasks import registration  # noqa: F401  # with one environment, all are registered
+from paddlectl.errors import UsageError
+from paddlectl.tasks import registration  # with one environment, all are registered
 from paddlectl.tasks.base import Split
 from paddlectl.tasks.split import checked_split
 
@@ -67,3 +68,23 @@ class TaskEnv(gymnasium.Env[Any, Any]):
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = spec and replace(spec, max_episode_steps=self.max_steps)
+
+
+def drawn(task: str) -> TaskEnv:
+    """The environment of a task, on unseen layouts, whose `render` gives a picture.
+
+    Raises:
+        UsageError: If it can't be drawn.
+    """
+    if task not in registration.ENTRY_POINTS:
+        raise UsageError(
+            f"{task} can't be drawn: its environment is no Gymnasium environment of this package"
+        )
+    looks = registration.LOOKS.get(registration.ENTRY_POINTS[task], {})
+    name = registration.environment_id(task)
+    made = gymnasium.make(
+        name, render_mode="rgb_array", split="evaluation", disable_env_checker=True, **looks
+    )
+    env = made.unwrapped
+    assert isinstance(env, TaskEnv)
+    return env

@@ -21,5 +21,8 @@ ENTRY_POINTS = {
 }
 """Of each task, the class of its environment, which is made with the task's name."""
 
+LOOKS = {"paddlectl.tasks.minigrid.env:PaddleEnv": {"tile_size": 24, "highlight": False}}
+"""How pictures are made, where that isn't the usual way: nothing of the room is hidden from a policy."""
+
 for _task, _entry_point in ENTRY_POINTS.items():
     gymnasium.register(id=environment_id(_task), entry_point=_entry_point, kwargs={"task": _task})

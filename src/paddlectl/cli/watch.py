@@ -1,0 +1,147 @@
+"""`paddlectl watch`."""
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from paddlectl.cli.options import (
+    AsJson,
+    RegistryPlace,
+    complete_held,
+    complete_tasks,
+    file_at,
+    whole_number,
+)
+from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.registry.fields import SEEDS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from paddlectl.experiments.watching import Seen
+    from paddlectl.registry.records import PolicyRecord
+    from paddlectl.registry.store import Registry
+
+EXAMPLE = "Example: paddlectl watch BoxDoor --gif boxdoor.gif"
+WIDEST = 90  # columns
+MOST = 400  # pictures of a GIF
+
+
+def watch(
+    policy: Annotated[
+        str,
+        typer.Argument(
+            metavar="POLICY|RUN",
+            autocompletion=complete_held,
+            help="A policy's id, a task's name for its best policy, or a run's id for what it learned.",
+            show_default=False,
+        ),
+    ],
+    task: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TASK",
+            autocompletion=complete_tasks,
+            help="Another task of the same domain; without: the policy's own.",
+            show_default=False,
+        ),
+    ] = None,
+    gif: Annotated[
+        Path | None,
+        typer.Option(
+            parser=file_at,
+            metavar="FILE",
+            help="Write a moving picture there instead of playing in the terminal.",
+            show_default=False,
+        ),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option(parser=whole_number(0, SEEDS - 1), metavar="N", help="Decides the layout.")
+    ] = 0,
+    per_second: Annotated[
+        int, typer.Option(parser=whole_number(1, 50), metavar="N", help="Pictures in a second.")
+    ] = 6,
+    registry: RegistryPlace = "registry",
+    as_json: AsJson = False,
+) -> None:
+    """Watch an episode of a policy on an unseen layout, with its subgoals; or make a GIF of it."""
+    from paddlectl.cli.quiet import stdout_kept
+    from paddlectl.registry.store import Registry
+    from paddlectl.report.output import clean, print_json, print_text
+    from paddlectl.tasks.suite import load
+
+    if gif is None and (as_json or not sys.stdout.isatty()):
+        raise UsageError("an episode is played in a terminal", "or written to a file: --gif FILE")
+    if gif is not None and (gif.is_dir() or not gif.parent.is_dir()):
+        raise UsageError(f"{gif} can't be written", "name a file in a folder that exists")
+    opened = Registry.open(registry, create=False)
+    record = _policy(opened, policy)
+    played = load(task or record.task)
+    with stdout_kept():
+        from paddlectl.experiments.policies import require_domain, revive
+        from paddlectl.experiments.watching import watched
+
+        require_domain(record, played)
+        seen = watched(revive(opened, record), played, seed)
+        moments = list(seen) if gif else []
+    if gif is None:
+        _show(seen, per_second)
+        return
+    _write(gif, moments, per_second)
+    end = moments[-1]
+    if as_json:
+        told = {"policy": record.id, "task": played.name, "seed": seed, "steps": end.t, "score": end.score}
+        print_json({**told, "file": str(gif)})
+    else:
+        print_text([clean(f"{gif}: {played.name} by {record.id}, {_end(end)}")])
+
+
+def _policy(registry: "Registry", name: str) -> "PolicyRecord":
+    """That of a run, or the one that is named.
+
+    Raises:
+        NotFoundError: If there is none.
+    """
+    from paddlectl.cli.named import policy_named
+    from paddlectl.registry.names import number_of
+
+    if number_of(name, "run") is None:
+        return policy_named(registry, name)
+    run = registry.run(name)
+    if run.policy is None:
+        raise NotFoundError(f"{run.id} has no policy: it is {run.status}", "run: paddlectl runs")
+    return registry.policy(run.policy)
+
+
+def _show(seen: "Iterable[Seen]", per_second: float) -> None:
+    from paddlectl.report.frames import blocks
+    from paddlectl.report.output import LivePictures, width
+
+    columns = min(WIDEST, width())
+    with LivePictures() as live:
+        for moment in seen:
+            picture = blocks(moment.picture, columns, live.encoding)
+            live.show(picture, _caption(moment))
+            time.sleep(1 / per_second)
+
+
+def _write(path: Path, moments: "list[Seen]", per_second: float) -> None:
+    from paddlectl.registry.files.objects import write_atomically
+    from paddlectl.report.frames import gif
+
+    every = -(-len(moments) // MOST)
+    kept = [*moments[:-1:every], moments[-1]]
+    data = gif([moment.picture for moment in kept], [_caption(moment) for moment in kept], per_second)
+    write_atomically(path, data, shared=False)
+
+
+def _caption(moment: "Seen") -> str:
+    return f"{moment.t:>4}  {_end(moment) if moment.ended else moment.subgoal}"
+
+
+def _end(moment: "Seen") -> str:
+    solved = f"solved, score {moment.score:.2f}" if moment.score > 0 else "not solved"
+    return f"{solved}, {moment.t} steps"
