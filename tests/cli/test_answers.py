@@ -6,6 +6,7 @@ from collections.abc import Callable
 import pytest
 from sqlalchemy import insert, select, update
 
+import paddlectl
 from paddlectl.experiments.jobs import TransferJob
 from paddlectl.registry.schema import policies, runs
 from paddlectl.registry.store import Registry
@@ -270,3 +271,8 @@ def test_an_interrupted_transfer_is_explained_as_far_as_it_went(registry: Regist
     found = command("explain", run.id, "--json").json
     assert (found["program"], found["mapping"], found["weights"], found["trace"]) == (None, None, [], [])
     assert "No policy was stored: the run is interrupted." in command("explain", run.id).out
+
+
+def test_the_version(command: Command) -> None:
+    answer = command("--version")
+    assert (answer.code, answer.out, answer.err) == (0, f"paddlectl {paddlectl.__version__}\n", "")

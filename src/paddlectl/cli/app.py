@@ -58,6 +58,14 @@ def make_app(loaded: Collection[str]) -> "typer.Typer":
         pretty_exceptions_show_locals=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
+    shown = typer.Option(
+        False, "--version", help="Print the version and exit.", callback=_version, is_eager=True
+    )
+
+    @app.callback()
+    def paddlectl(version: bool = shown) -> None:
+        pass
+
     for name, purpose in COMMANDS.items():
         if name in loaded:
             module = import_module(f"paddlectl.cli.{name}")
@@ -68,6 +76,16 @@ def make_app(loaded: Collection[str]) -> "typer.Typer":
         else:
             app.command(name, help=purpose)(_not_loaded)
     return app
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        import typer
+
+        import paddlectl
+
+        print(f"paddlectl {paddlectl.__version__}")
+        raise typer.Exit
 
 
 def _not_loaded() -> NoReturn:
