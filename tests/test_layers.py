@@ -34,7 +34,8 @@ HOMES = {
     },
     "safetensors": {"registry.care", "registry.bundles", "experiments", "learners", "hybrid"},
     "pydantic": {"scenario", "studies", "yaml_files"}, "yaml": {"yaml_files"},
-    "rich": {"report"}, "matplotlib": {"report"}, "jinja2": {"report"}, "PIL": {"report", "tasks"},
+    "rich": {"report"}, "matplotlib": {"report"}, "jinja2": {"report"},
+    "PIL": {"report", "tasks"},
     "pyarrow": {"report"}, "tensorboard": {"report"}, "typer": {"cli"},
 }  # fmt: skip
 EVERYWHERE = {"numpy"}

@@ -2,6 +2,7 @@
 
 import subprocess
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from sqlalchemy import insert, select, update
@@ -276,3 +277,11 @@ def test_an_interrupted_transfer_is_explained_as_far_as_it_went(registry: Regist
 def test_the_version(command: Command) -> None:
     answer = command("--version")
     assert (answer.code, answer.out, answer.err) == (0, f"paddlectl {paddlectl.__version__}\n", "")
+
+
+def test_explain_writes_a_page(registry: Registry, command: Command, tmp_path: Path) -> None:
+    answer = command("explain", "run-3", "--html", str(tmp_path / "x.html"))
+    assert answer.code == 0 and "run-3 is explained in" in answer.out
+    assert (tmp_path / "x.html").read_text().startswith("<!doctype html>")
+    for where in (tmp_path, tmp_path / "no" / "x.html"):
+        assert command("explain", "run-3", "--html", str(where)).code == 2

@@ -1,14 +1,16 @@
 """`paddlectl explain`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from paddlectl.cli.options import AsJson, RegistryPlace, complete_transfers
-from paddlectl.errors import NotFoundError
+from paddlectl.cli.options import AsJson, RegistryPlace, complete_transfers, file_at
+from paddlectl.errors import NotFoundError, UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from paddlectl.registry.records import RunRecord
     from paddlectl.registry.store import Registry
 
@@ -25,6 +27,16 @@ def explain(
     full: Annotated[
         bool, typer.Option("--full", help="Tell everything, on a terminal in a pager; else 40 lines at most.")
     ] = False,
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            "--html",
+            parser=file_at,
+            metavar="FILE",
+            help="Write it there as a page, with pictures; it needs no network.",
+            show_default=False,
+        ),
+    ] = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
@@ -33,18 +45,31 @@ def explain(
     from paddlectl.registry.store import Registry
     from paddlectl.report.explained import explanation_parts
     from paddlectl.report.explanation import explanation_document
-    from paddlectl.report.output import print_json, print_paged, print_text
+    from paddlectl.report.output import clean, print_json, print_paged, print_text
     from paddlectl.report.summary import summary_parts
 
+    if html is not None and (html.is_dir() or not html.parent.is_dir()):
+        raise UsageError(f"{html} can't be written", "name a file in a folder that exists")
     opened = Registry.open(registry, create=False)
     record = transfer_run(opened, run)
     document = explanation_document(opened, record)
+    if html is not None:
+        _write(html, opened, record, document)
     if as_json:
         print_json(document)
+    elif html is not None:
+        print_text([clean(f"{record.id} is explained in {html}")])
     else:
         told = explanation_parts(document, record) if full else summary_parts(document, record)
         parts = [here(part) if isinstance(part, str) else part for part in told]
         (print_paged if full else print_text)(parts)
+
+
+def _write(path: Path, registry: "Registry", run: "RunRecord", document: "Mapping[str, Any]") -> None:
+    from paddlectl.registry.files.objects import write_atomically
+    from paddlectl.report.page import explanation_page
+
+    write_atomically(path, explanation_page(registry, run, document).encode(), shared=False)
 
 
 def transfer_run(registry: "Registry", run: str) -> "RunRecord":

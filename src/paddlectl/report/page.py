@@ -1,0 +1,251 @@
+"""An explanation as a page: what `explain` tells, with pictures; without scripts, and without a network."""
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from paddlectl.errors import PaddlectlError
+from paddlectl.experiments.curves import LearningCurve, in_order
+from paddlectl.experiments.log import ended_episodes
+from paddlectl.experiments.similar import stored_program
+from paddlectl.logic.prolog import format_prolog
+from paddlectl.methods.catalogue import METHODS
+from paddlectl.registry.records import RunRecord
+from paddlectl.registry.store import Registry
+from paddlectl.report.explained import SHORTEST, WHY
+from paddlectl.report.explanation import PHASES, TARGET
+from paddlectl.report.mapping import Labels, labels_for, scene_text
+from paddlectl.report.output import clean
+from paddlectl.report.settings import numbers
+from paddlectl.report.summary import FIGURES, TERMS, context_text, header_parts, verdict
+from paddlectl.report.svg import Line, lines, stacked
+
+MOST_SCENES = 8
+"""Panels of who led over training."""
+PARTS = 25
+"""Of a run, in each of which the shares are counted."""
+CURVE_SIZE, PANEL_SIZE = (560, 220), (340, 150)
+
+Document = Mapping[str, Any]
+Context = tuple[str, ...]
+
+
+def explanation_page(registry: Registry, run: RunRecord, document: Document) -> str:
+    """The page.
+
+    Args:
+        registry: Where the run is.
+        run: The run.
+        document: Its `explanation_document`.
+    """
+    environment = Environment(
+        loader=PackageLoader("paddlectl.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    labels = labels_for(document)
+    title, sources, _ = map(str, header_parts(run, labels))
+    colours = _colours(document)
+    return environment.get_template("page.html.j2").render(
+        title=title,
+        sources=sources,
+        figures=[(n, written(run.results[field])) for n, field, written in FIGURES if field in run.results],
+        verdict=" ".join(map(str, verdict(document, labels))).strip(),
+        curve=_curve(registry, run),
+        terms=TERMS if document["weights"] else "",
+        legend=[(_name(policy, labels), colour) for policy, colour in colours.items()],
+        leaders=[*_leaders(document, colours)],
+        psi=_psi(document, labels),
+        program=_program(registry, run, document),
+        documents=[(name, _json(told)) for name, told in document["documents"].items()],
+        episodes=[*_episodes(document, labels)],
+        unusual=numbers(run)["unusual"],
+        settings=_json(run.settings),
+        versions=sorted(run.versions.items()),
+    )
+
+
+def _json(value: Any) -> str:
+    return clean_lines(json.dumps(value, indent=1, ensure_ascii=False))
+
+
+def clean_lines(text: str) -> str:
+    """Every line without control characters."""
+    return "\n".join(map(clean, text.split("\n")))
+
+
+def _name(policy: str, labels: Labels) -> str:
+    return "the target" if policy == TARGET else labels(policy)
+
+
+def _colours(document: Document) -> dict[str, int]:
+    """Policy -> its colour, the target's first."""
+    sources = [source.removeprefix("elsewhere:") for source in document["sources"]]
+    return {policy: number for number, policy in enumerate((TARGET, *sources))}
+
+
+# Curves
+
+
+def _curve(registry: Registry, run: RunRecord) -> dict[str, Any] | None:
+    """The score of the run, beside that of one from scratch if there is one; None without episodes."""
+    drawn = [_line(registry, run, run.method, 0)]
+    scratch = next(_from_scratch(registry, run), None)
+    if scratch is not None:
+        drawn.append(_line(registry, scratch, f"{scratch.method} from scratch ({scratch.id})", 1))
+    chart = [line for line in drawn if line]
+    if not chart:
+        return None
+    longest = max(run.frames, *(line.x[-1] for line in chart))
+    legend = [(clean(line.name), line.colour) for line in chart]
+    return {"chart": lines(chart, longest, CURVE_SIZE), "legend": legend}
+
+
+def _line(registry: Registry, run: RunRecord, name: str, colour: int) -> Line | None:
+    episodes = in_order(ended_episodes(registry, run.id))
+    if not episodes:
+        return None
+    frames = max(run.frames, *(episode.finished for episode in episodes))
+    scores = LearningCurve(episodes, frames).by_frames()
+    return Line(name, colour, [frames * n / len(scores) for n in range(len(scores))], scores)
+
+
+def _from_scratch(registry: Registry, run: RunRecord) -> Iterator[RunRecord]:
+    """Finished runs of the task that reused nothing: by its base learner, of its seed, the newest first."""
+    if not run.sources:
+        return
+    teaches = METHODS[run.method].teaches if run.method in METHODS else ()
+    found, _ = registry.newest_runs(200, {"task": run.task, "status": "finished"})
+    alone = [other for other in found if not other.sources and other.id != run.id and other.frames]
+    yield from sorted(alone, key=lambda other: (other.method not in teaches, other.seed != run.seed))
+
+
+# Who led
+
+
+def _leaders(document: Document, colours: Mapping[str, int]) -> Iterator[tuple[str, str]]:
+    """For each of the most frequent scenes its text, and the shares of who led there over training."""
+    counts = _counts(document)
+    last = max((frames for scene in counts.values() for frames in scene), default=0)
+    frequent = sorted(counts, key=lambda scene: -sum(each.total() for each in counts[scene].values()))
+    for scene in frequent[:MOST_SCENES]:
+        parts = _parts(counts[scene], last)
+        ends = [last * (part + 1) / len(parts) for part in range(len(parts))]
+        shares = {
+            colour: [part[policy] / part.total() if part.total() else 0.0 for part in parts]
+            for policy, colour in colours.items()
+        }
+        text = context_text(scene)
+        yield text, stacked(shares, ends, PANEL_SIZE, f"who led in {text}, share over training")
+
+
+def _counts(document: Document) -> dict[Context, dict[int, Counter[str]]]:
+    """Scene -> until which frame -> how often each led since the last."""
+    bodies = [tuple(scene["body"]) for scene in (document["mapping"] or {"scenes": ()})["scenes"]]
+    rows = [
+        (bodies[row["scene"]], row["frames"], row["policy"], row["chosen"])
+        for row in document["moments"]
+        if row["scene"] < len(bodies)
+    ] or [(tuple(row["context"]), row["frames"], row["source"], row["chosen"]) for row in document["reuse"]]
+    counts: dict[Context, dict[int, Counter[str]]] = {}
+    for scene, frames, policy, chosen in rows:
+        counts.setdefault(scene, {}).setdefault(frames, Counter())[policy] += chosen
+    return counts
+
+
+def _parts(counts: Mapping[int, Counter[str]], last: int) -> list[Counter[str]]:
+    """The counts in equal parts of the run; where nothing was recorded, those of the part before or next."""
+    number = min(PARTS, max(2, len(counts)))
+    parts = [Counter[str]() for _ in range(number)]
+    for frames, led in counts.items():
+        parts[min(number - 1, frames * number // (last + 1))].update(led)
+    known = [part for part in parts if part.total()]
+    for number, part in enumerate(parts):
+        if not part.total():
+            parts[number] = parts[number - 1] if number else known[0]
+    return parts
+
+
+# Ψ, the program, episodes
+
+
+def _psi(document: Document, labels: Labels) -> dict[str, Any] | None:
+    """Sources, and for each scene that was met its ψ with each of them."""
+    mapping = document["mapping"]
+    if not mapping or not mapping["sources"]:
+        return None
+    met = {tuple(row["scene"]) for row in document["weights"] if row["decisions"]}
+    rows = []
+    for scene in mapping["scenes"]:
+        if met and tuple(scene["body"]) not in met:
+            continue
+        found = {match["policy"]: match for match in scene["matches"]}
+        cells = [found.get(source) for source in mapping["sources"]]
+        rows.append(
+            {
+                "scene": scene_text(scene["body"]),
+                "cells": [
+                    cell
+                    and {
+                        "value": cell["similarity"],
+                        "best": cell["similarity"] == scene["self_similarity"],
+                        "scenes": [*map(scene_text, cell["scenes"])],
+                    }
+                    for cell in cells
+                ],
+            }
+        )
+    return {"sources": [*map(labels, mapping["sources"])], "rows": rows}
+
+
+def _program(registry: Registry, run: RunRecord, document: Document) -> dict[str, Any] | None:
+    program = document["program"]
+    if not program or not program["clauses"]:
+        return None
+    scenes: dict[str, list[tuple[float, str]]] = {}
+    for clause in program["clauses"]:
+        told = (float(clause["probability"]), clean(clause["head"]))
+        scenes.setdefault(scene_text(clause["body"]), []).append(told)
+    try:
+        prolog = format_prolog(stored_program(registry.policy(run.policy or "")))
+    except PaddlectlError:
+        prolog = ""
+    return {
+        "scenes": [(scene, sorted(heads, reverse=True)) for scene, heads in scenes.items()],
+        "minimised": [*map(clean, program["minimised"][:SHORTEST])],
+        "prolog": prolog,
+    }
+
+
+def _episodes(document: Document, labels: Labels) -> Iterator[dict[str, Any]]:
+    for phase in PHASES:
+        decisions = [decision for decision in document["trace"] if decision["phase"] == phase]
+        if decisions:
+            yield {
+                "phase": phase,
+                "score": document["trace_scores"][phase],
+                "rows": [_decision(decision, labels) for decision in decisions],
+            }
+
+
+def _decision(decision: Document, labels: Labels) -> dict[str, Any]:
+    missed = "cut off by the horizon" if decision.get("cut") else "not reached"
+    return {
+        "step": decision["step"],
+        "scene": scene_text(decision["scene"]),
+        "guide": _name(decision["guide"], labels),
+        "subgoal": clean(decision["head"]),
+        "steps": decision["steps"],
+        "end": "reached" if decision["reached"] else missed,
+        "why": WHY.get(decision.get("rule", ""), clean(decision.get("rule", ""))),
+        "weights": [
+            (_name(one["policy"], labels), one["similarity"], one["performance"], one["weight"])
+            for one in decision["weights"]
+        ],
+        "clause": clean(decision["clause"]),
+    }
