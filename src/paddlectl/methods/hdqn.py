@@ -39,8 +39,8 @@ class HDQNSettings:
         num_envs: Environments side by side.
         rollout_steps: Steps of every environment between two updates.
         action_repeat: Steps of the task that one action lasts.
-        meta: The meta-controller's, whose transitions a checkpoint holds. With a slow network of 250 updates it
-            learns a third less in as many frames (`benchmarks/tuning/alone.yaml`).
+        meta: The meta-controller's, whose transitions a checkpoint holds. With a slow network of 250 updates
+            it learns a fifth less in as many frames (`benchmarks/tuning/alone.yaml`).
         discounts: γ of a decision, by its length.
         low_level: The controller's.
         decisions: When a decision ends, and what the controller gets for it.
