@@ -10,7 +10,9 @@ In each state s:
 The paper's target is stochastic. A DQN's greedy action has the largest Q of all, so a source could never act
 where the target is greedy: what a DQN proposes is its ε-greedy action, and a source acts where the target
 explores and Q takes the source's action for the better one. So ε is the largest share that sources can have,
-and it falls slowly. TD3 proposes its action with the noise of exploration, a `td3` source its own without.
+and it falls until the budget is used up: the slower it falls, the more is learned
+(`benchmarks/tuning/qmp.yaml`). TD3 proposes its action with the noise of exploration, a `td3` source its own
+without.
 """
 
 from collections.abc import Mapping
@@ -28,7 +30,7 @@ from paddlectl.methods.base import Method, Setup
 from paddlectl.tasks.base import Environment, Floats, Ints, Task
 
 USUAL: Mapping[str, FlatSettings] = {
-    "discrete": FlatSettings(rollout_steps=16, learner=StepDQNSettings()),
+    "discrete": FlatSettings(rollout_steps=16, learner=StepDQNSettings(exploration_share=1.0)),
     "continuous": changed(flat.USUAL["td3"], {"learner": {"capacity": 100_000}}),
 }
 
