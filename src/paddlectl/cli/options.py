@@ -17,9 +17,10 @@ LISTED = 50
 
 
 def complete_tasks(incomplete: str) -> list[str]:
-    from paddlectl.cli.completion import task_names
+    from paddlectl.cli.completion import scenario_files, task_names
 
-    return [name for name in task_names() if name.startswith(incomplete)]
+    names = [*task_names(), *(scenario_files(incomplete) if incomplete else ())]
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def complete_policies(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
@@ -202,7 +203,7 @@ PolicyName = Annotated[
     typer.Argument(
         metavar="POLICY",
         autocompletion=complete_policies,
-        help="A policy's id, or a task's name for its best policy.",
+        help="A policy's id, or a task's name or file for its best policy.",
         show_default=False,
     ),
 ]

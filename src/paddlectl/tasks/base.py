@@ -1,6 +1,7 @@
 """What a task is to the rest of the package: symbols, subgoals, and a batch of environments."""
 
 import typing
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -195,6 +196,7 @@ class Task:
         make: Its environments.
         learner: Of the low level that fits its actions, `ppo` or `td3`.
         frames: The usual budget of learning it, in environment steps; a method may have its own.
+        definition: What the registry keeps of a task from a file; None of one that is found by its name.
     """
 
     name: str
@@ -207,3 +209,4 @@ class Task:
     make: Make
     learner: str = "ppo"
     frames: int = FRAMES
+    definition: Mapping[str, Any] | None = None

@@ -46,6 +46,11 @@ class TaskEnv(gymnasium.Env[Any, Any]):
     def task(self) -> str:
         """Its task's name."""
 
+    @property
+    def asked(self) -> Any:
+        """Its task as `tasks.suite.load` takes it."""
+        return self.task
+
     @abstractmethod
     def mirror_in(self, engine: Any) -> None:
         """Brings the one lane of its task's engine into the present state of this environment.

@@ -1,7 +1,8 @@
 """The tasks' names in Gymnasium, `paddle/BoxDoor-v0`; importing this module registers all of them.
 
 Gymnasium imports it by itself for `gymnasium.make("paddlectl.tasks.registration:paddle/BoxDoor-v0")`. What
-an environment needs is imported when one is made.
+an environment needs is imported when one is made. That of a task file is
+`gymnasium.make("paddlectl.tasks.registration:paddle/File-v0", task="mytasks/KeyGoal.yaml")`.
 """
 
 import gymnasium
@@ -21,5 +22,9 @@ ENTRY_POINTS = {
 }
 """Of each task, the class of its environment, which is made with the task's name."""
 
+FILE = environment_id("File")
+"""Gymnasium's name of all tasks from files; `task` is the file's path."""
+
+gymnasium.register(id=FILE, entry_point="paddlectl.tasks.files:make_environment")
 for _task, _entry_point in ENTRY_POINTS.items():
     gymnasium.register(id=environment_id(_task), entry_point=_entry_point, kwargs={"task": _task})

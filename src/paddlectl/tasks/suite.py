@@ -6,6 +6,7 @@ of a function that is given the name and makes the task.
 
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from difflib import get_close_matches
 
 from paddlectl.errors import NotFoundError, PaddlectlError
@@ -15,6 +16,10 @@ from paddlectl.registry.names import is_id
 from paddlectl.tasks.base import Task
 from paddlectl.tasks.maze2d import layouts as maze2d
 from paddlectl.tasks.minigrid import layouts as minigrid
+from paddlectl.tasks.minigrid.words import document_of
+
+AnyTask = str | minigrid.Spec
+"""A task by its name, or as a task file defines it (`tasks.naming.given`)."""
 
 # name -> "module:attribute" of a function that makes the task of that name
 TASKS: dict[str, str] = {
@@ -29,18 +34,20 @@ def names() -> tuple[str, ...]:
     return (*TASKS, *PLUGINS.names())
 
 
-def known(name: str) -> bool:
-    """Whether there is a task of that name."""
-    return name in TASKS or name in PLUGINS
+def known(name: AnyTask) -> bool:
+    """Whether there is a task of that name; one that is defined is there."""
+    return isinstance(name, minigrid.Spec) or name in TASKS or name in PLUGINS
 
 
-def load(name: str) -> Task:
-    """The task of that name.
+def load(name: AnyTask) -> Task:
+    """The task of that name, or as it is defined.
 
     Raises:
         NotFoundError: If there is none; it tells the nearest names.
         PaddlectlError: If it is a plug-in's that can't be used.
     """
+    if isinstance(name, minigrid.Spec):
+        return _defined(name)
     if name in TASKS:
         task: Task = attribute(TASKS[name])(name)
         return task
@@ -54,6 +61,11 @@ def load(name: str) -> Task:
         if not re.fullmatch(TASK, task.domain):
             raise ValueError(f"domain can't be {task.domain!r}")
     return task
+
+
+def _defined(spec: minigrid.Spec) -> Task:
+    task: Task = attribute("paddlectl.tasks.minigrid.engine:task_of")(spec)
+    return replace(task, definition=document_of(spec))
 
 
 def usable(tell: Callable[[PaddlectlError], None] = lambda _: None) -> Iterator[Task]:
