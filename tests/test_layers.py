@@ -34,7 +34,8 @@ HOMES = {
         "registry.care", "registry.store", "registry.bundles",
     },
     "safetensors": {"registry.care", "registry.bundles", "experiments", "learners", "hybrid"},
-    "pydantic": {"scenario", "studies", "yaml_files", "tasks.files"}, "yaml": {"yaml_files"},
+    "pydantic": {"scenario", "studies", "yaml_files", "tasks.files"}, "pydantic_core": {"scenario"},
+    "yaml": {"yaml_files"},
     "rich": {"report"}, "matplotlib": {"report"}, "jinja2": {"report"}, "PIL": {"report", "tasks"},
     "pyarrow": {"report"}, "tensorboard": {"report"}, "typer": {"cli"},
 }  # fmt: skip

@@ -48,9 +48,9 @@ def stored_program(policy: PolicyRecord) -> Program:
     try:
         return parse_program(policy.program or "")
     except InvalidFileError as error:
+        way = f": paddlectl train {policy.task}" if policy.content.definition is None else " by its task file"
         raise IntegrityError(
-            f"the program of {policy.id} is damaged: {error.message}",
-            f"train it again: paddlectl train {policy.task}",
+            f"the program of {policy.id} is damaged: {error.message}", f"train it again{way}"
         ) from error
 
 

@@ -66,7 +66,7 @@ def require_sources(name: str, setup: Setup, count: int | None = None) -> None:
         needed = f"{count} sources" if count and count > 1 else "a source"
         raise UsageError(
             f"{name} needs {needed} for {task}, and has {given or 'none'}",
-            f"learn it alone: paddlectl train {task} --method {teacher_of(name, setup.task)}",
+            f"learn it alone: paddlectl train {setup.task.typed} --method {teacher_of(name, setup.task)}",
         )
 
 

@@ -363,7 +363,7 @@ class Registry:
     def way_again(self, policy: PolicyRecord) -> str:
         """A hint: how such a policy is learned anew, by its own method if that trains sources."""
         if policy.content.definition is not None:
-            return f"train it again by its task file, or as paddlectl show {policy.id} --json defines it"
+            return "train it again by its task file"
         own = policy.program is None and self.run(policy.run).kind == "train"
         by = f" --method {policy.method}" if own else ""
         return f"train it again: paddlectl train {policy.task}{by}"

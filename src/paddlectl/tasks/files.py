@@ -209,18 +209,19 @@ def _unsolvable(spec: Spec, found: TaskFile) -> Iterator[Problem]:
     layouts = reached(spec)
     ever = frozenset.union(*(each.ever for each in layouts))
     first = frozenset.union(*(each.first for each in layouts))
+    if any(each.first >= set(spec.success) for each in layouts):
+        yield Problem(("success",), "it holds at the start already, so there is nothing to learn")
+        return
     for key, subgoals in (("success", spec.success), ("milestones", spec.milestones)):
         for index, subgoal in enumerate(subgoals):
             word = subgoal.predicate.name
             if subgoal not in ever:
-                yield Problem((key, index), f"{word} can't be reached{_why(spec, layouts)}")
+                before = " before the task is solved" if any(each.solved for each in layouts) else ""
+                yield Problem((key, index), f"{word} can't be reached{before or _why(spec, layouts)}")
             elif key == "milestones" and subgoal in first:
                 yield Problem((key, index), f"{word} holds at the start already, so it is no milestone")
-    if not set(spec.success) <= ever:
-        return
-    if any(each.first >= set(spec.success) for each in layouts):
-        yield Problem(("success",), "it holds at the start already, so there is nothing to learn")
-    elif failed := sum(not each.solved for each in layouts):
+    failed = sum(not each.solved for each in layouts)
+    if failed and set(spec.success) <= ever:
         of = "" if failed == len(layouts) else f" in {failed} of {len(layouts)} layouts"
         names = " and ".join(found.success)
         yield Problem(("success",), f"{names} can't hold at once{of}{_why(spec, layouts)}")
@@ -229,10 +230,11 @@ def _unsolvable(spec: Spec, found: TaskFile) -> Iterator[Problem]:
 def _why(spec: Spec, layouts: Sequence[Reached]) -> str:
     if any(each.opened for each in layouts):
         return ""
-    key = next((thing for thing in (Thing.KEY, Thing.BOX) if thing in spec.far), None)
-    if key is None:
-        return ": the passage never opens, as there is no key"
-    return f": the passage never opens, as the {key.name.lower()} is beyond it"
+    key = next((thing for thing in (Thing.KEY, Thing.BOX) if thing in spec.things), None)
+    if key in spec.near:
+        return ": the passage never opens"
+    where = "there is no key" if key is None else f"the {key.name.lower()} is beyond it"
+    return f": the passage never opens, as {where}"
 
 
 _KIND = Kind("task", TaskFile, {(): TaskFile}, _misuses)

@@ -65,7 +65,7 @@ def load(name: AnyTask) -> Task:
 
 def _defined(spec: minigrid.Spec) -> Task:
     task: Task = attribute("paddlectl.tasks.minigrid.engine:task_of")(spec)
-    return replace(task, definition=document_of(spec))
+    return replace(task, definition=document_of(spec), file=spec.file)
 
 
 def usable(tell: Callable[[PaddlectlError], None] = lambda _: None) -> Iterator[Task]:
