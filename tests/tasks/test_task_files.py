@@ -61,7 +61,7 @@ def test_six_lines_are_a_task(tmp_path: Path) -> None:
 def test_the_name_and_the_summary_follow_from_the_rest(tmp_path: Path) -> None:
     text = TEXT.partition("\n")[2]
     spec = given(str(written(tmp_path, text, "my-own_1.yml")))
-    assert (str(spec), spec.summary) == ("my-own_1", "Go to the goal.")
+    assert (str(spec), spec.spec.summary) == ("my-own_1", "Go to the goal.")
     named = given(str(written(tmp_path, f"name: Another\n{text}")))
     assert str(named) == "Another"
 
@@ -71,8 +71,8 @@ def test_the_seven_tasks_can_be_told_in_a_file(name: str, tmp_path: Path) -> Non
     document = {**document_of(SPECS[name]), "name": "Copy"}
     assert SPECS[name].atoms == facts_for(SPECS[name].things)
     spec = given(str(written(tmp_path, json.dumps(document))))
-    assert spec == replace(SPECS[name], name="Copy")
-    assert spec.summary == SPECS[name].summary
+    assert spec.spec == replace(SPECS[name], name="Copy")
+    assert spec.spec.summary == SPECS[name].summary
 
 
 # (text to replace, with what, what is told from the position on)

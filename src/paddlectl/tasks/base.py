@@ -1,6 +1,6 @@
 """What a task is to the rest of the package: symbols, subgoals, and a batch of environments."""
 
-import shlex
+import json
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -197,8 +197,6 @@ class Task:
         make: Its environments.
         learner: Of the low level that fits its actions, `ppo` or `td3`.
         frames: The usual budget of learning it, in environment steps; a method may have its own.
-        definition: What the registry keeps of a task from a file; None of one that is found by its name.
-        file: Where that was read; empty if it wasn't.
     """
 
     name: str
@@ -211,10 +209,24 @@ class Task:
     make: Make
     learner: str = "ppo"
     frames: int = FRAMES
-    definition: Mapping[str, Any] | None = None
-    file: str = ""
 
     @property
-    def typed(self) -> str:
-        """As a user types it in a shell."""
-        return shlex.quote(self.file or self.name)
+    def definition(self) -> Mapping[str, Any] | None:
+        """What the registry keeps of a task from a file; None of one that is found by its name."""
+        return None
+
+
+@dataclass(frozen=True)
+class DefinedTask(Task):
+    """A task from a file.
+
+    Attributes:
+        told: What the registry keeps of it, as JSON.
+    """
+
+    told: str = "{}"
+
+    @property
+    def definition(self) -> Mapping[str, Any]:
+        definition: Mapping[str, Any] = json.loads(self.told)
+        return definition

@@ -22,6 +22,7 @@ from paddlectl.tasks.minigrid.words import (
     PASSAGES,
     SUBGOALS,
     THINGS,
+    Defined,
     facts_for,
     lacking,
     mission_of,
@@ -55,7 +56,7 @@ class TaskFile(Closed):
     subgoals: SomeWords | None = None
 
 
-def load_task(path: Path) -> Spec:
+def load_task(path: Path) -> Defined:
     """Reads and checks a task file.
 
     Raises:
@@ -63,7 +64,7 @@ def load_task(path: Path) -> Spec:
         InvalidFileError: If it isn't a task, or one that can't be solved; the message starts with
             file:line:column.
     """
-    return replace(_spec(load_file(path, _KIND), path), file=str(path))
+    return Defined(_spec(load_file(path, _KIND), path), str(path))
 
 
 def make_environment(task: str, **kwargs: Any) -> Any:
@@ -75,10 +76,10 @@ def make_environment(task: str, **kwargs: Any) -> Any:
     """
     from paddlectl.tasks.minigrid.env import PaddleEnv  # loads MiniGrid
 
-    return PaddleEnv(load_task(Path(task)), **kwargs)
+    return PaddleEnv(load_task(Path(task)).spec, **kwargs)
 
 
-def stored_task(name: str, definition: Mapping[str, Any]) -> Spec:
+def stored_task(name: str, definition: Mapping[str, Any]) -> Defined:
     """The task of a run or policy, as it was when that was learned.
 
     Raises:
@@ -93,7 +94,7 @@ def stored_task(name: str, definition: Mapping[str, Any]) -> Spec:
         ) from error
     if spec.name != name:
         raise IntegrityError(f"the definition of {name} is of {spec.name}", "run: paddlectl registry check")
-    return spec
+    return Defined(spec)
 
 
 def _spec(found: TaskFile, path: Path) -> Spec:

@@ -42,12 +42,12 @@ def given(text: str, folder: Path = Path()) -> AnyTask:
 
 def content(task: AnyTask) -> Content:
     """By what a registry knows the task."""
-    return Content(task) if isinstance(task, str) else Content(task.name, document_of(task))
+    return Content(task) if isinstance(task, str) else Content(task.spec.name, document_of(task.spec))
 
 
 def typed(task: AnyTask) -> str:
     """The task as a user types it in a shell."""
-    return task if isinstance(task, str) else shlex.quote(task.file or task.name)
+    return task if isinstance(task, str) else shlex.quote(task.file or task.spec.name)
 
 
 def kept(name: str, definition: Mapping[str, Any] | None) -> AnyTask:

@@ -31,6 +31,7 @@ from paddlectl.tasks.minigrid.grid import (
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, Spec, draw_layouts
 from paddlectl.tasks.minigrid.mission import Mission
 from paddlectl.tasks.minigrid.symbols import SUBGOALS
+from paddlectl.tasks.minigrid.words import Defined
 
 
 class Tile(Floor):
@@ -103,9 +104,9 @@ class PaddleEnv(TaskEnv, MiniGridEnv):
         return self.spec_of_task.name
 
     @property
-    def asked(self) -> str | Spec:
+    def asked(self) -> str | Defined:
         own = self.spec_of_task
-        return own.name if SPECS.get(own.name) is own else own
+        return own.name if SPECS.get(own.name) is own else Defined(own)
 
     def _gen_grid(self, width: int, height: int) -> None:
         self.place(draw_layouts(self.spec_of_task, self.np_random, 1, self.split))

@@ -41,7 +41,6 @@ class Spec:
         success: Subgoals that solve the task when all of them hold.
         atoms: The vocabulary, in order.
         subgoals: The subgoals that programs may name.
-        file: Where it was read from, to be typed again; empty of a task that isn't from a file.
     """
 
     name: str
@@ -54,10 +53,6 @@ class Spec:
     success: tuple[Atom, ...]
     atoms: tuple[Atom, ...]
     subgoals: tuple[Atom, ...]
-    file: str = field(default="", compare=False)
-
-    def __str__(self) -> str:
-        return self.name
 
     @property
     def things(self) -> tuple[Thing, ...]:

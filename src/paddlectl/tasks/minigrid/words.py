@@ -1,12 +1,29 @@
 """The words of a task file, what each needs to make sense, and a task as such words for the registry."""
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from paddlectl.logic.atoms import Atom
 from paddlectl.tasks.minigrid import symbols as s
 from paddlectl.tasks.minigrid.grid import Thing
 from paddlectl.tasks.minigrid.layouts import Passage, Spec
+
+
+@dataclass(frozen=True)
+class Defined:
+    """A task as a file defines it. It prints as its name.
+
+    Attributes:
+        file: Where that was read; empty if it is from a registry.
+    """
+
+    spec: Spec
+    file: str = field(default="", compare=False)
+
+    def __str__(self) -> str:
+        return self.spec.name
+
 
 PASSAGES = {passage.name.lower(): passage for passage in Passage}
 THINGS = {thing.name.lower(): thing for thing in Thing if thing < Thing.PASSAGE}
