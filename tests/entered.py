@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from paddlectl.experiments.jobs import Job, RandomJob, TrainJob, TransferJob
+from paddlectl.experiments.policies import definition_of
 from paddlectl.experiments.runner import budget_of, rules_of, settings_of
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
@@ -45,6 +46,7 @@ def told(job: Job) -> tuple[str, str, str, tuple[str, ...], Mapping[str, Any]]:
         case TransferJob():
             task, rules = load(job.scenario.target), rules_of(job)
             settings = {
+                **definition_of(task),
                 "frames": job.frames,
                 "scenario": job.scenario.model_dump(mode="json"),
                 "learning": dataclasses.asdict(settings_of(job)),
@@ -53,13 +55,13 @@ def told(job: Job) -> tuple[str, str, str, tuple[str, ...], Mapping[str, Any]]:
             return "transfer", job.method, task.name, job.sources, settings
         case TrainJob():
             learning = {"learning": dataclasses.asdict(settings_of(job)), "frames": budget_of(job)}
-            return "train", job.method, job.task, (), learning
+            return "train", job.method, str(job.task), (), learning | definition_of(load(job.task))
         case RandomJob():
             drawn = TrainJob(job.task, job.seed)
             return (
                 "train",
                 "random",
-                job.task,
+                str(job.task),
                 (),
                 {"learning": dataclasses.asdict(settings_of(drawn)), "frames": 0},
             )

@@ -22,6 +22,7 @@ FLOOR = {
     "agents": 1.5,
     "tasks": 1, "learners": 1,
     "tasks.suite": 2.5,  # knows what names the registry takes
+    "tasks.files": 2.7, "tasks.naming": 2.8,  # are read as all files are
     "logic": 0, "plugins": 0, "errors": -1,
 }  # fmt: skip
 HOMES = {
@@ -33,7 +34,8 @@ HOMES = {
         "registry.care", "registry.store", "registry.bundles",
     },
     "safetensors": {"registry.care", "registry.bundles", "experiments", "learners", "hybrid"},
-    "pydantic": {"scenario", "studies", "yaml_files"}, "yaml": {"yaml_files"},
+    "pydantic": {"scenario", "studies", "yaml_files", "tasks.files"}, "pydantic_core": {"scenario"},
+    "yaml": {"yaml_files"},
     "rich": {"report"}, "matplotlib": {"report"}, "jinja2": {"report"},
     "PIL": {"report", "tasks"},
     "pyarrow": {"report"}, "tensorboard": {"report"}, "typer": {"cli"},

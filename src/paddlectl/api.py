@@ -19,6 +19,7 @@ from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry.fields import MOST_FRAMES, SEEDS
 from paddlectl.registry.records import PolicyRecord
 from paddlectl.registry.store import Registry
+from paddlectl.tasks.naming import SUFFIXES
 
 if TYPE_CHECKING:
     from paddlectl.agents import base
@@ -98,7 +99,7 @@ class Policy:
         from paddlectl.experiments.policies import require_domain
         from paddlectl.tasks import suite
 
-        task = suite.load(env.task)
+        task = suite.load(env.asked)
         require_domain(self._record, task)
         return Playing(self._revived, task, env, self._seed)
 
@@ -145,7 +146,8 @@ def load(name: "str | os.PathLike[str]", registry: "Place" = None, seed: int = 0
     """A policy from a registry, or from a file that `paddlectl registry export` wrote.
 
     Args:
-        name: A policy's id, a task's name for its best policy, or the file's path, which ends in `.zip`.
+        name: A policy's id, a task's name or file (`.yaml`) for its best policy, or the path of what was
+            exported, which ends in `.zip`.
         registry: Where it is kept.
         seed: Of what the policy leaves to chance.
 
@@ -155,10 +157,10 @@ def load(name: "str | os.PathLike[str]", registry: "Place" = None, seed: int = 0
     """
     _require_seed(seed)
     path = Path(at_home(os.fspath(name)))
-    if isinstance(name, os.PathLike) or path.suffix == _SUFFIX:
+    if path.suffix == _SUFFIX or (isinstance(name, os.PathLike) and path.suffix not in SUFFIXES):
         return _from_file(path, seed)
     with Registry.open(_place(registry), create=False) as opened:
-        return _revived(opened, policy_named(opened, name), seed)
+        return _revived(opened, policy_named(opened, os.fspath(name)), seed)
 
 
 def _from_file(path: Path, seed: int) -> Policy:
@@ -180,7 +182,7 @@ def _revived(registry: Registry, record: PolicyRecord, seed: int) -> Policy:
 
 
 def train(
-    task: str,
+    task: "str | os.PathLike[str]",
     seed: int = 0,
     frames: int | None = None,
     method: str = "hdm",
@@ -189,21 +191,22 @@ def train(
     """Learns a task from scratch and keeps what was learned, as `paddlectl train`.
 
     Args:
-        task: Its name; `paddlectl tasks` lists them.
+        task: Its name, of which `paddlectl tasks` has a list, or a task file.
         seed: Of all chance: equal seeds give equal policies.
         frames: At most so many environment steps; None is the method's own budget.
         method: By which.
         registry: Where it is kept; made where there is none.
 
     Raises:
-        NotFoundError: If there is no such task.
+        NotFoundError: If there is no such task or file.
+        InvalidFileError: If the file is no task, or one that can't be solved.
         UsageError: If there is no such method, or it trains no sources.
     """
     from paddlectl.cli.train import train_jobs
 
     _require_seed(seed)
     _require_frames(frames)
-    (job,) = train_jobs([task], [seed], frames, None, method)
+    (job,) = train_jobs([os.fspath(task)], [seed], frames, None, method)
     return _trained(job, _place(registry))
 
 

@@ -2,21 +2,31 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    Tag,
+    model_validator,
+)
+from pydantic_core import PydanticKnownError
 
 from paddlectl import whole
-from paddlectl.errors import UsageError
+from paddlectl.errors import PaddlectlError, UsageError
 from paddlectl.methods import catalogue
 from paddlectl.methods.base import method_of
 from paddlectl.methods.changes import Changes, Misfit, unfit
 from paddlectl.registry import fields
 from paddlectl.registry.names import number_of
 from paddlectl.tasks import suite
-from paddlectl.tasks.suite import load
+from paddlectl.tasks.naming import given
+from paddlectl.tasks.suite import AnyTask, load
 from paddlectl.transfer.guidance import PaperSettings
 from paddlectl.yaml_files import Closed, KeyPath, Kind, Problem, check_values, load_file, unknown
 
@@ -35,6 +45,15 @@ def _seeds(value: Any) -> Any:
         raise ValueError(f"{error.message}; {error.hint}") from None
 
 
+def _named(value: Any) -> Any:
+    """A task's name or file, or what was read of a file."""
+    if not isinstance(value, AnyTask):
+        raise PydanticKnownError("string_type")
+    return value
+
+
+Named = Annotated[AnyTask, PlainValidator(_named), PlainSerializer(str)]
+"""A file's is replaced by the task that it defines when a scenario is read; stored is its name."""
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 Seed = Annotated[int, Field(ge=0, lt=fields.SEEDS)]
 Name = Annotated[
@@ -44,14 +63,14 @@ Seeds = Annotated[
     tuple[Seed, ...], Field(min_length=1, max_length=fields.MOST_SEEDS), BeforeValidator(_seeds)
 ]
 Frames = Annotated[int, Field(gt=0, le=fields.MOST_FRAMES)]
-Names = Annotated[tuple[str, ...], Field(min_length=1, max_length=fields.MOST_SOURCES)]
+Names = Annotated[tuple[Named, ...], Field(min_length=1, max_length=fields.MOST_SOURCES)]
 
 
 class TaskSources(Closed):
     """Tasks whose policies may be reused, and which of each.
 
     Attributes:
-        tasks: Their names.
+        tasks: Their names or files.
         seed: The `best` policy, or that of the transfer's own seed: `paired`, so that seeds are independent.
     """
 
@@ -145,15 +164,15 @@ class Scenario(Closed):
     """One transfer: what to learn, from which sources, how and how often.
 
     Attributes:
-        target: The task to learn.
-        sources: Tasks whose best policies may be reused, and ids of policies; or one of the other forms.
+        target: The task to learn: its name, or its file from where the scenario's file is.
+        sources: Likewise tasks whose best policies may be reused, and ids of policies; or another form.
         frames: Environment steps of each run.
         rules: Other than the usual ones by which the method reuses sources, by name.
         settings: Of the method, likewise, also within each other: `{low_level: {learning_rate: 1e-3}}`.
     """
 
     name: Name
-    target: str
+    target: Named
     sources: Sources
     method: str = "paddle"
     seeds: Seeds = (0,)
@@ -164,7 +183,7 @@ class Scenario(Closed):
     settings: dict[str, Any] = Field(default_factory=dict)
 
     @property
-    def source_names(self) -> tuple[str, ...]:
+    def source_names(self) -> tuple[AnyTask, ...]:
         """The tasks and policies that `sources` names, in its order; none if they are chosen."""
         if isinstance(self.sources, SimilarSources):
             return ()
@@ -193,7 +212,7 @@ def load_scenario(path: Path) -> Scenario:
         NotFoundError: If there is no such file.
         InvalidFileError: If it isn't a scenario; the message starts with file:line:column.
     """
-    return load_file(path, _KIND)
+    return _read(load_file(path, _KIND), path.parent)
 
 
 def scenario_of(values: Mapping[str, Any]) -> Scenario:
@@ -202,19 +221,64 @@ def scenario_of(values: Mapping[str, Any]) -> Scenario:
     Raises:
         InvalidFileError: If it isn't one.
     """
-    return check_values(values, _KIND)
+    return _read(check_values(values, _KIND), Path())
 
 
-def _misuses(scenario: Scenario, _: Path) -> Iterator[Problem]:
+def _read(scenario: Scenario, folder: Path) -> Scenario:
+    """The scenario with what its task files define."""
+    names = read_tasks(scenario.source_names, folder)
+    sources: Any = scenario.sources
+    if isinstance(sources, TaskSources):
+        sources = sources.model_copy(update={"tasks": names})
+    elif isinstance(sources, tuple):
+        sources = names
+    (target,) = read_tasks((scenario.target,), folder)
+    return scenario.model_copy(update={"target": target, "sources": sources})
+
+
+def read_tasks(names: tuple[AnyTask, ...], folder: Path) -> tuple[AnyTask, ...]:
+    """Tasks with what files define instead of the files' names."""
+    return tuple(given(name, folder) if isinstance(name, str) else name for name in names)
+
+
+def unreadable(key: KeyPath, names: tuple[AnyTask, ...], folder: Path) -> Iterator[Problem]:
+    """Names in a list, or the one at a key, that are of files which define no task."""
+    for place, name in _places(key, names):
+        try:
+            read_tasks((name,), folder)
+        except PaddlectlError as error:
+            yield Problem(place, "; ".join(filter(None, (error.message, error.hint))))
+
+
+def ambiguous(tasks: Iterable[AnyTask]) -> str:
+    """What to say where two tasks have one name; empty if none do."""
+    found: dict[str, AnyTask] = {}
+    for task in tasks:
+        if found.setdefault(str(task), task) != task:
+            return f"two tasks are called {task}; give one of them another name"
+    return ""
+
+
+def _misuses(scenario: Scenario, path: Path) -> Iterator[Problem]:
     """What a schema can't know: names of tasks and methods, and sources that can't serve the target."""
+    key: KeyPath = ("sources", "tasks") if isinstance(scenario.sources, TaskSources) else ("sources",)
+    problems = [*unreadable(key, scenario.source_names, path.parent)]
+    problems += [
+        problem._replace(path=("target",)) for problem in unreadable((), (scenario.target,), path.parent)
+    ]
+    yield from problems
+    if problems:
+        return
+    scenario = _read(scenario, path.parent)
+    if wrong := ambiguous((scenario.target, *scenario.source_names)):
+        yield Problem(key, wrong)
     if not catalogue.known(scenario.method):
         yield Problem(("method",), unknown("method", scenario.method, catalogue.names()))
     if not suite.known(scenario.target):
-        yield Problem(("target",), unknown("task", scenario.target, suite.names()))
-    key: KeyPath = ("sources", "tasks") if isinstance(scenario.sources, TaskSources) else ("sources",)
-    for path, name in _places(key, scenario.source_names):
+        yield Problem(("target",), unknown("task", str(scenario.target), suite.names()))
+    for place, name in _places(key, scenario.source_names):
         if message := misnamed(name, key, scenario.target):
-            yield Problem(path, message)
+            yield Problem(place, message)
     yield from repeated(key, scenario.source_names)
     yield from repeated(("seeds",), scenario.seeds)
     if catalogue.known(scenario.method) and suite.known(scenario.target):
@@ -232,7 +296,8 @@ def repeated(key: KeyPath, values: tuple[Any, ...]) -> Iterator[Problem]:
     """The values of a list that stand there before."""
     for path, value in _places(key, values):
         if value in values[: int(path[-1])]:
-            yield Problem(path, f"{value!r} stands twice in {'.'.join(map(str, key))}")
+            shown = value if isinstance(value, int) else str(value)
+            yield Problem(path, f"{shown!r} stands twice in {'.'.join(map(str, key))}")
 
 
 def _places(key: KeyPath, values: tuple[Any, ...]) -> Iterator[tuple[KeyPath, Any]]:
@@ -240,11 +305,11 @@ def _places(key: KeyPath, values: tuple[Any, ...]) -> Iterator[tuple[KeyPath, An
         yield (*key, index), value
 
 
-def misnamed(name: str, key: KeyPath, target: str) -> str:
+def misnamed(name: AnyTask, key: KeyPath, target: AnyTask) -> str:
     """What is wrong with the name of a source, as far as a file can tell; empty if nothing is."""
-    if number_of(name, "policy") is not None:
+    if isinstance(name, str) and number_of(name, "policy") is not None:
         return f"{name} is no task; to name policies write sources: [{name}]" if key[1:] else ""
-    if not suite.known(name):
+    if isinstance(name, str) and not suite.known(name):
         return _unknown_policy(name) or unknown("task", name, suite.names())
     if not suite.known(target) or load(name).domain == load(target).domain:
         return ""

@@ -188,6 +188,18 @@ def test_completion_of_scenario_files(monkeypatch: pytest.MonkeyPatch) -> None:
     assert complete("paddlectl transfer scenarios/A") == ["scenarios/A-place.yaml", "scenarios/A.yaml"]
 
 
+def test_completion_of_task_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "mytasks").mkdir()
+    for name in ("KeyGoal.yaml", "notes.txt"):
+        (tmp_path / "mytasks" / name).touch()
+    monkeypatch.chdir(tmp_path)
+    assert complete("paddlectl train my") == ["mytasks/"]
+    assert complete("paddlectl train BoxDoor mytasks/K") == ["mytasks/KeyGoal.yaml"]
+    assert complete("paddlectl evaluate BoxDoor --task mytasks/") == ["mytasks/KeyGoal.yaml"]
+    assert complete("paddlectl similarity --target mytasks/") == ["mytasks/KeyGoal.yaml"]
+    assert complete("paddlectl tasks Box") == ["BoxDoor"]
+
+
 def test_completion_of_what_can_be_drawn(
     registry: Registry, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -193,10 +193,27 @@ def from_registry(place: str, wanted: "Mapping[str, Sequence[str]]") -> "tuple[l
     transfers = [run for run in registry.runs() if run.kind == "transfer"]
     finished = [run for run in transfers if run.status == "finished" and run.policy]
     fitting = chosen(finished, traits_of_run, wanted, registry.shown, _way_to_transfer)
+    _require_one_task_a_name(fitting)
     runs, older = newest(fitting, lambda run: (*traits_of_run(run), run.seed), lambda run: run.id)
     runs.sort(key=lambda run: (*traits_of_run(run), run.seed))
     unfinished = [run for run in transfers if run.status != "finished" and _fits(traits_of_run(run), wanted)]
     return [result_of(registry, run) for run in runs], _notes(runs, older, len(unfinished))
+
+
+def _require_one_task_a_name(runs: "Sequence[RunRecord]") -> None:
+    """Refuses to put runs together whose tasks only have the same name.
+
+    Raises:
+        UsageError: If there are such.
+    """
+    first: dict[str, RunRecord] = {}
+    for run in runs:
+        other = first.setdefault(run.task, run)
+        if other.content.identity != run.content.identity:
+            raise UsageError(
+                f"{run.task} is the name of several tasks here: {other.id} and {run.id} learned one each",
+                "compare by a study, or choose others by --task or --scenario",
+            )
 
 
 def _way_to_transfer(method: str) -> str:

@@ -66,13 +66,14 @@ def policy_names(registry: str | None) -> list[tuple[str, str]]:
 def source_names(registry: str | None, target: str | None) -> list[tuple[str, str]]:
     """Those that Ψ of the target can be shown from: of its domain, with clauses."""
     from paddlectl.methods.catalogue import entry_of
+    from paddlectl.tasks.naming import given
     from paddlectl.tasks.suite import load, usable
 
     policies = _soon(registry, "programs")
     if target:
-        domain = load(target).domain
-        near = {task.name for task in usable() if task.domain == domain}
-        policies = [policy for policy in policies if policy.task in near]
+        domain = load(given(target)).domain
+        elsewhere = {task.name for task in usable() if task.domain != domain}
+        policies = [policy for policy in policies if policy.task not in elsewhere]
     teaches = entry_of("paddle").teaches
     return _best([policy for policy in policies if policy.method in teaches]) + _pairs(policies)
 
@@ -141,6 +142,7 @@ def result_files(incomplete: str) -> list[str]:
 
 @_quiet
 def scenario_files(incomplete: str) -> list[str]:
+    """Scenarios and tasks."""
     return _files(incomplete, ".yaml", ".yml")
 
 

@@ -17,7 +17,7 @@ def evaluate(
         typer.Option(
             metavar="TASK",
             autocompletion=complete_tasks,
-            help="Another task of the same domain; without: the policy's own.",
+            help="Another task of the same domain, or a task file; without: the policy's own.",
             show_default=False,
         ),
     ] = None,
@@ -31,20 +31,22 @@ def evaluate(
     as_json: AsJson = False,
 ) -> None:
     """Play a policy on layouts that it never trained on."""
-    from paddlectl.cli.named import policy_named
+    from paddlectl.cli.named import policy_named, task_named
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import EVALUATED, table
     from paddlectl.tasks.suite import load
 
-    name = load(task).name if task is not None else None
+    other = task_named(task) if task is not None else None
+    if other is not None:
+        load(other)  # what there isn't is told before a registry is looked for
     opened = Registry.open(registry, create=False)
     record = policy_named(opened, policy)
     with stdout_kept():
         from paddlectl.experiments.policies import evaluate as play
 
-        row = play(opened, record, name or record.task, episodes, seed)
+        row = play(opened, record, other or record.task, episodes, seed)
     if as_json:
         print_json(row)
     else:

@@ -10,17 +10,40 @@ if TYPE_CHECKING:
 
     from paddlectl.registry.records import PolicyRecord
     from paddlectl.registry.store import Registry
+    from paddlectl.tasks.suite import AnyTask
+
+
+def task_named(text: str) -> "AnyTask":
+    """The task of a name or of a file.
+
+    Raises:
+        NotFoundError: If there is no such file.
+        InvalidFileError: If it isn't a task.
+    """
+    from paddlectl.cli.options import at_home
+    from paddlectl.tasks.naming import given
+
+    return given(at_home(text))
 
 
 def policy_named(registry: "Registry", name: str) -> "PolicyRecord":
-    """The policy of an id, or the best one of a task.
+    """The policy of an id, or the best one of a task, which may be named by its file.
 
     Raises:
         NotFoundError: If there is none; what it says to train is a task.
+        UsageError: If the name is of several tasks, each defined in a file.
+        InvalidFileError: If the file isn't a task.
     """
     from paddlectl.registry.names import is_id
+    from paddlectl.tasks.naming import content, is_file, typed
     from paddlectl.tasks.suite import known, names
 
+    if is_file(name):
+        task = task_named(name)
+        try:
+            return registry.policy(content(task))
+        except NotFoundError as error:
+            raise NotFoundError(error.message, f"run: paddlectl train {typed(task)}") from None
     try:
         return registry.policy(name)
     except NotFoundError as error:

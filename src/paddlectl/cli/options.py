@@ -17,9 +17,10 @@ LISTED = 50
 
 
 def complete_tasks(incomplete: str) -> list[str]:
-    from paddlectl.cli.completion import task_names
+    from paddlectl.cli.completion import scenario_files, task_names
 
-    return [name for name in task_names() if name.startswith(incomplete)]
+    names = [*task_names(), *(scenario_files(incomplete) if incomplete else ())]
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def complete_policies(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
@@ -211,7 +212,7 @@ PolicyName = Annotated[
     typer.Argument(
         metavar="POLICY",
         autocompletion=complete_policies,
-        help="A policy's id, or a task's name for its best policy.",
+        help="A policy's id, or a task's name or file for its best policy.",
         show_default=False,
     ),
 ]
@@ -248,14 +249,20 @@ ManySeeds = Annotated[
 
 
 def asked_for(**columns: str | None) -> dict[str, str]:
-    """Those that were given.
+    """Those that were given; a task's file stands for its name.
 
     Raises:
         UsageError: If one can't be the name of anything.
+        NotFoundError: If there is no such file.
+        InvalidFileError: If it isn't a task.
     """
+    from paddlectl.tasks.naming import content, given, is_file
+
     for name, value in columns.items():
         if value is not None and not (value and value.isprintable()):
             raise UsageError(f"--{name} is empty or isn't printable")
+    if (task := columns.get("task")) is not None and is_file(task):
+        columns["task"] = content(given(at_home(task))).name
     return {name: value for name, value in columns.items() if value is not None}
 
 

@@ -174,10 +174,12 @@ def export(
     from paddlectl.registry.names import number_of
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import clean, print_json, print_text
+    from paddlectl.tasks.naming import is_file
 
     with Registry.open(registry, create=False) as opened:
         if number_of(name, "run") is None:
-            policy_named(opened, name)
+            record = policy_named(opened, name)
+            name = record.id if is_file(name) else name
         told = bundles.export(opened, name, file)
     if as_json:
         print_json(told)

@@ -49,6 +49,7 @@ def similarity(
     as_json: AsJson = False,
 ) -> None:
     """Show Ψ: for each scene of the target the best scenes of each source, and their ψ."""
+    from paddlectl.cli.named import task_named
     from paddlectl.experiments.similar import most_similar
     from paddlectl.registry.store import Registry
     from paddlectl.report.mapping import mapping_parts
@@ -57,7 +58,7 @@ def similarity(
     from paddlectl.tasks.suite import load
 
     body, head = weights(body_weight, head_weight)
-    task = load(target)
+    task = load(task_named(target))
     opened = Registry.open(registry, create=False)
     policies = sources_for(opened, task, source or ())
     overall = [each._asdict() for each in most_similar(opened, task, policies, body, head)]
@@ -113,7 +114,7 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
         if policy.program is None:
             raise UsageError(
                 f"{policy.id} was learned by {policy.method}, which has no clauses to compare",
-                _way_to_clauses(registry, policy.task, teaches),
+                _way_to_clauses(registry, policy, teaches),
             )
     return list({policy.id: policy for policy in found}.values())
 
@@ -125,16 +126,18 @@ def _named(registry: "Registry", name: str, teaches: str | None) -> "PolicyRecor
     policy = policy_named(registry, name)
     if name != policy.id:
         with suppress(NotFoundError):
-            return registry.policy(name, teaches, clauses=True)
+            return registry.policy(policy.content, teaches, clauses=True)
         with suppress(NotFoundError):
-            return registry.policy(name, clauses=True)
+            return registry.policy(policy.content, clauses=True)
     return policy
 
 
-def _way_to_clauses(registry: "Registry", task: str, teaches: str | None) -> str:
-    if task in registry.solved(method=teaches):
-        return f"name {registry.policy(task, teaches).id} instead"
-    return f"name {task} instead, and run: paddlectl train {task}"
+def _way_to_clauses(registry: "Registry", policy: "PolicyRecord", teaches: str | None) -> str:
+    with suppress(NotFoundError):
+        return f"name {registry.policy(policy.content, teaches).id} instead"
+    if policy.content.definition is not None:
+        return f"train the file of {policy.task} with --method hdm, and name that instead"
+    return f"name {policy.task} instead, and run: paddlectl train {policy.task}"
 
 
 def _way_to_another(target: "Task") -> str:
@@ -146,8 +149,11 @@ def _way_to_another(target: "Task") -> str:
 
 
 def _best_of_domain(registry: "Registry", target: "Task", teaches: str | None) -> "list[PolicyRecord]":
-    solved = registry.solved(target.domain, teaches)
-    return [registry.policy(task, teaches) for task in solved if task != target.name]
+    from paddlectl.registry.records import Content
+
+    own = Content(target.name, target.definition).identity
+    best = registry.best_of_each(target.domain, teaches)
+    return [registry.policy(policy) for content, policy in best if content.identity != own]
 
 
 def similarity_document(

@@ -111,7 +111,7 @@ def document(study: str, now: "Plan", failed: "Mapping[str, Failure]") -> dict[s
     cells = [
         {
             "scenario": cell.scenario.name,
-            "target": cell.scenario.target,
+            "target": str(cell.scenario.target),
             "method": cell.method,
             "variant": cell.variant,
             "seed": cell.seed,

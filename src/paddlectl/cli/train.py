@@ -38,7 +38,7 @@ def train(
         typer.Argument(
             metavar="TASK...",
             autocompletion=complete_tasks,
-            help="Tasks to learn, side by side.",
+            help="Tasks to learn, side by side: names or task files.",
             show_default=False,
         ),
     ],
@@ -98,7 +98,7 @@ def train_jobs(
     """One job for each task and seed, the tasks of one seed together.
 
     Args:
-        tasks: Their names.
+        tasks: Their names, or files.
         seeds: Of each.
         frames: The budget; None is the usual one.
         preset: Instead of the usual settings.
@@ -109,10 +109,15 @@ def train_jobs(
         NotFoundError: If there is no such task, or the method has no such preset for one of them.
         UsageError: If there is no such method, or it is none for a source, or can't be changed so.
     """
+    from paddlectl.cli.named import task_named
     from paddlectl.methods.catalogue import alone, entry_of, require_actions
+    from paddlectl.scenario import ambiguous
     from paddlectl.tasks.suite import load
 
-    known = {task.name: task for task in map(load, tasks)}
+    asked = dict.fromkeys(map(task_named, tasks))
+    known = {task: load(task) for task in asked}
+    if wrong := ambiguous(asked):
+        raise UsageError(wrong)
     if entry_of(method, alone).teaches:
         raise UsageError(f"{method} reuses sources, so it trains none", f"one of: {', '.join(alone())}")
     for task in known.values():
@@ -183,7 +188,7 @@ def run_training(
 
     with stdout_kept():
         asked = [
-            Asked(job, f"{job.task} seed {job.seed}", "train", job.method, job.task, _budget(job))
+            Asked(job, f"{job.task} seed {job.seed}", "train", job.method, str(job.task), _budget(job))
             for job in jobs
         ]
         return run(asked, registry, checkpoint_every, at_a_time)

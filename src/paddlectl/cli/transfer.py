@@ -103,7 +103,7 @@ def transfer(
         ended = run(asked, registry, checkpoint_every, jobs)
     if as_json:
         why = [{"seed": seed, **each._asdict()} for seed, its in found.why.items() for each in its]
-        told = {"scenario": scenario.name, "target": scenario.target, **({"chosen": why} if why else {})}
+        told = {"scenario": scenario.name, "target": str(scenario.target), **({"chosen": why} if why else {})}
         print_json({**told, "runs": ended.rows, "failed": ended.documents()})
     elif ended.rows:
         title = f"Scenario {scenario.name}: {scenario.target}"
@@ -192,7 +192,7 @@ def opened_for(
     if teaches is None:
         return Registry.open(location)
     try:
-        learned = scenario.chosen or any(map(is_id, scenario.source_names))
+        learned = scenario.chosen or any(is_id(str(name)) for name in scenario.source_names)
         return Registry.open(location, create=train_missing and not learned)
     except NotFoundError as error:
         lacking = unlearned(scenario, teaches, seeds)
@@ -240,4 +240,6 @@ def asked_for(
         jobs = [replace(job, rules=rules) for job in jobs]
     jobs = [replace(job, changes=changes.settings) for job in jobs]
     name = f"{scenario.name} {method} seed"
-    return [Asked(job, f"{name} {job.seed}", "transfer", method, scenario.target, frames) for job in jobs]
+    return [
+        Asked(job, f"{name} {job.seed}", "transfer", method, str(scenario.target), frames) for job in jobs
+    ]

@@ -68,6 +68,7 @@ def watch(
     as_json: AsJson = False,
 ) -> None:
     """Watch an episode of a policy on an unseen layout, with its subgoals; or make a GIF of it."""
+    from paddlectl.cli.named import task_named
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import clean, print_json, print_text
@@ -77,15 +78,17 @@ def watch(
         raise UsageError("an episode is played in a terminal", "or written to a file: --gif FILE")
     if gif is not None and (gif.is_dir() or not gif.parent.is_dir()):
         raise UsageError(f"{gif} can't be written", "name a file in a folder that exists")
+    other = task_named(task) if task is not None else None
     opened = Registry.open(registry, create=False)
     record = _policy(opened, policy)
-    played = load(task or record.task)
     with stdout_kept():
-        from paddlectl.experiments.policies import require_domain, revive
+        from paddlectl.experiments.policies import require_domain, revive, task_of
         from paddlectl.experiments.watching import watched
 
+        asked = other or task_of(record)
+        played = load(asked)
         require_domain(record, played)
-        seen = watched(revive(opened, record), played, seed)
+        seen = watched(revive(opened, record), asked, seed)
         moments = list(seen) if gif else []
     if gif is None:
         _show(seen, per_second)

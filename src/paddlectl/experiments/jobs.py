@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from paddlectl.scenario import Scenario
+from paddlectl.tasks.suite import AnyTask
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class TrainJob:
         method: By which.
     """
 
-    task: str
+    task: AnyTask
     seed: int
     frames: int | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
@@ -48,7 +49,7 @@ class TransferJob:
 class RandomJob:
     """Keep a policy that has learned nothing, as a source."""
 
-    task: str
+    task: AnyTask
     seed: int
 
 

@@ -17,10 +17,11 @@ from paddlectl.logic.syntax import format_program
 from paddlectl.methods import catalogue
 from paddlectl.methods.base import Method, method_of
 from paddlectl.registry.names import shown
-from paddlectl.registry.records import PolicyRecord, RunRecord
+from paddlectl.registry.records import DEFINITION, PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Task
-from paddlectl.tasks.suite import load
+from paddlectl.tasks.naming import kept
+from paddlectl.tasks.suite import AnyTask, load
 
 EVALUATION_EPISODES = 200
 EVALUATION_SEED = 12345
@@ -53,10 +54,16 @@ def keep(registry: Registry, run: RunRecord, policy: Policy, log: RunLog) -> Pol
         crispness=result.crispness,
         metadata={
             **_symbols(task),
+            **definition_of(task),
             "settings": policy.settings_document(),
             "evaluation": {"episodes": EVALUATION_EPISODES, "seed": EVALUATION_SEED},
         },
     )
+
+
+def definition_of(task: Task) -> dict[str, Any]:
+    """What a run's settings and a policy's metadata have for a task from a file; nothing for another."""
+    return {} if task.definition is None else {DEFINITION: dict(task.definition)}
 
 
 def _symbols(task: Task) -> dict[str, list[str]]:
@@ -101,13 +108,22 @@ def needs_of(record: PolicyRecord | RunRecord) -> tuple[Task, Method]:
         IntegrityError: If one isn't there, as when the plug-in that had it is uninstalled.
     """
     try:
-        task = load(record.task)
+        task = load(task_of(record))
     except NotFoundError as error:
         raise _lacking(record, f"on {shown(record.task)}") from error
     try:
         return task, method_of(catalogue.MADE_AS.get(record.method, record.method))
     except UsageError as error:
         raise _lacking(record, f"by {shown(record.method)}") from error
+
+
+def task_of(record: PolicyRecord | RunRecord) -> AnyTask:
+    """The task of a policy or a run as it was then, for `tasks.suite.load`.
+
+    Raises:
+        IntegrityError: If what defines it is damaged.
+    """
+    return kept(*record.content)
 
 
 def _lacking(record: PolicyRecord | RunRecord, what: str) -> IntegrityError:
@@ -169,8 +185,10 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def evaluate(registry: Registry, policy: PolicyRecord, task: str, episodes: int, seed: int) -> dict[str, Any]:
-    """Plays a policy on unseen layouts of a task of its domain.
+def evaluate(
+    registry: Registry, policy: PolicyRecord, task: AnyTask, episodes: int, seed: int
+) -> dict[str, Any]:
+    """Plays a policy on unseen layouts of a task of its domain; by its own task's name on that.
 
     The same four give the same figures to the last bit, those that the policy was kept with among them.
 

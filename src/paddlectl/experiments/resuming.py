@@ -9,7 +9,7 @@ from paddlectl.agents.settings import restored
 from paddlectl.errors import IntegrityError
 from paddlectl.experiments.checkpointer import Checkpointer, require_resumable
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
-from paddlectl.experiments.policies import needs_of
+from paddlectl.experiments.policies import needs_of, task_of
 from paddlectl.experiments.runner import run_transfer, train_source
 from paddlectl.methods.base import Method
 from paddlectl.registry import fields
@@ -17,6 +17,7 @@ from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.tasks.base import Task
+from paddlectl.tasks.suite import AnyTask
 
 
 def resume(
@@ -54,9 +55,9 @@ def job_of(run: RunRecord) -> TrainJob | TransferJob:
         changes = dataclasses.asdict(method.settings_from(task, told["learning"]))
         if run.kind == "train":
             preset = _preset(method, task, told["preset"])
-            return TrainJob(run.task, run.seed, frames, changes, preset, method.name)
+            return TrainJob(task_of(run), run.seed, frames, changes, preset, method.name)
         return TransferJob(
-            scenario=_scenario(told["scenario"]),
+            scenario=_scenario(told["scenario"], task_of(run)),
             sources=run.sources,
             method=method.name,
             seed=run.seed,
@@ -83,12 +84,12 @@ def _budget(frames: Any) -> int:
     return int(frames)
 
 
-def _scenario(told: Any) -> Scenario:
-    """The scenario that a run was begun with.
+def _scenario(told: Any, target: AnyTask) -> Scenario:
+    """The scenario that a run was begun with, its target as it was then.
 
     Raises:
         ValueError: If it isn't one, or guides by the paper in a way that it doesn't tell (before 0.1.0).
     """
     if told["guidance"] == {"mode": "paper"}:
         raise ValueError("its guidance tells no readings of the paper")
-    return Scenario.model_validate_json(json.dumps(told))
+    return Scenario.model_validate_json(json.dumps(told)).model_copy(update={"target": target})

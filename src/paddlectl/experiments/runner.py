@@ -12,14 +12,14 @@ from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.curves import LearningCurve
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.log import RunLog, ended_episodes, recorded, versions
-from paddlectl.experiments.policies import keep, revive
+from paddlectl.experiments.policies import definition_of, keep, revive
 from paddlectl.experiments.similar import stored_program
 from paddlectl.methods.base import Method, Setup, Source, method_of
 from paddlectl.methods.catalogue import entry_of, require_actions
 from paddlectl.methods.changes import RULES
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
-from paddlectl.tasks.suite import load
+from paddlectl.tasks.suite import AnyTask, load
 
 Report = Callable[[Progress], None]
 
@@ -57,6 +57,7 @@ def train_source(
                 "preset": job.preset,
                 "learning": dataclasses.asdict(settings),
                 "unusual": differing,
+                **definition_of(task),
             },
             versions=versions(),
         ),
@@ -150,6 +151,7 @@ def run_transfer(
                 "learning": dataclasses.asdict(settings),
                 "rules": rules and dataclasses.asdict(rules),
                 "unusual": differing,
+                **definition_of(task),
             },
             versions=versions(),
         ),
@@ -220,7 +222,7 @@ def _source(registry: Registry, policy: str) -> Source:
     return Source(record.id, revive(registry, record), program)
 
 
-def random_source(task: str, seed: int, registry: Registry) -> PolicyRecord:
+def random_source(task: AnyTask, seed: int, registry: Registry) -> PolicyRecord:
     """Keeps a policy as it is before it learns: a source that has nothing to teach.
 
     Its method is `random`. It is the best policy of its task only while no other solves more.
@@ -230,11 +232,11 @@ def random_source(task: str, seed: int, registry: Registry) -> PolicyRecord:
     run = registry.add_run(
         kind="train",
         method="random",
-        task=task,
+        task=loaded.name,
         scenario=None,
         sources=(),
         seed=seed,
-        settings={"frames": 0, "learning": dataclasses.asdict(settings)},
+        settings={"frames": 0, "learning": dataclasses.asdict(settings), **definition_of(loaded)},
         versions=versions(),
     )
     with recorded(registry, run) as log:

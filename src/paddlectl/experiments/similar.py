@@ -13,7 +13,7 @@ from paddlectl.logic.clauses import Program, Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.logic.templates import all_clauses
 from paddlectl.methods.catalogue import teacher_of
-from paddlectl.registry.records import PolicyRecord
+from paddlectl.registry.records import Content, PolicyRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Task
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
@@ -48,9 +48,9 @@ def stored_program(policy: PolicyRecord) -> Program:
     try:
         return parse_program(policy.program or "")
     except InvalidFileError as error:
+        way = f": paddlectl train {policy.task}" if policy.content.definition is None else " by its task file"
         raise IntegrityError(
-            f"the program of {policy.id} is damaged: {error.message}",
-            f"train it again: paddlectl train {policy.task}",
+            f"the program of {policy.id} is damaged: {error.message}", f"train it again{way}"
         ) from error
 
 
@@ -85,7 +85,7 @@ def most_similar(
     for policy in policies:
         tasks[policy.id] = policy.task
         with suppress(NotFoundError):
-            compared[policy.id] = policy if policy.program else with_clauses(registry, target, policy.task)
+            compared[policy.id] = policy if policy.program else with_clauses(registry, target, policy.content)
     _, mapping = mapping_of(target, compared.values(), body_weight, head_weight)
     found = [
         Similar(policy, tasks[policy], mapping.overall(program.id), program.id)
@@ -94,7 +94,7 @@ def most_similar(
     return sorted(found, key=lambda each: -each.similarity)
 
 
-def with_clauses(registry: Registry, target: Task, task: str) -> PolicyRecord:
+def with_clauses(registry: Registry, target: Task, task: Content) -> PolicyRecord:
     """The best policy with clauses of a task: that which `paddle` reuses on the target.
 
     Raises:

@@ -1,20 +1,23 @@
 """Which policies a scenario reuses: those named, of tasks the best or each seed's, or the most similar."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from types import MappingProxyType
 from typing import NamedTuple
 
 from paddlectl import whole
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.experiments.jobs import TrainJob
+from paddlectl.experiments.policies import task_of
 from paddlectl.experiments.similar import Similar, most_similar
 from paddlectl.methods.catalogue import teacher_of
-from paddlectl.registry.names import number_of
-from paddlectl.registry.records import PolicyRecord
+from paddlectl.registry.names import is_id
+from paddlectl.registry.records import Content, PolicyRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.tasks.base import Task
-from paddlectl.tasks.suite import known, load, usable
+from paddlectl.tasks.naming import content, typed
+from paddlectl.tasks.suite import AnyTask, known, load, usable
 
 ANY = 0
 """The seed to learn with where any will do."""
@@ -42,7 +45,9 @@ class Sources(NamedTuple):
             NotFoundError: If a policy is missing; with the command that learns all of them.
         """
         if self.missing:
-            told = [f"{', '.join(tasks)}{self._with(seeds)}" for seeds, tasks in self._groups().items()]
+            told = [
+                f"{', '.join(map(str, tasks))}{self._with(seeds)}" for seeds, tasks in self._groups().items()
+            ]
             raise NotFoundError(
                 f"no policy for {' and '.join(told)} by {self.missing[0].method}", f"run: {self.command()}"
             )
@@ -53,16 +58,16 @@ class Sources(NamedTuple):
         method = self.missing[0].method
         by = "" if method == TrainJob.method else f" --method {method}"
         return ", then ".join(
-            f"paddlectl train {' '.join(tasks)}{self._option(seeds)}{by}"
+            f"paddlectl train {' '.join(map(typed, tasks))}{self._option(seeds)}{by}"
             for seeds, tasks in self._groups().items()
         )
 
-    def _groups(self) -> dict[tuple[int, ...], list[str]]:
+    def _groups(self) -> dict[tuple[int, ...], list[AnyTask]]:
         """The seeds that tasks lack -> those tasks."""
-        lacking: dict[str, list[int]] = {}
+        lacking: dict[AnyTask, list[int]] = {}
         for job in self.missing:
             lacking.setdefault(job.task, []).append(job.seed)
-        groups: dict[tuple[int, ...], list[str]] = {}
+        groups: dict[tuple[int, ...], list[AnyTask]] = {}
         for task, seeds in lacking.items():
             groups.setdefault(tuple(seeds), []).append(task)
         return groups
@@ -91,15 +96,14 @@ def resolve(registry: Registry, scenario: Scenario, method: str, seeds: Sequence
     if scenario.chosen:
         return _chosen(registry, scenario, target, teaches, seeds)
     if scenario.paired:
-        known = {task: _by_seed(registry, task, teaches) for task in scenario.source_names}
+        known = {task: _by_seed(registry, content(task), teaches) for task in scenario.source_names}
         return _sources(scenario, teaches, seeds, known)
-    solved = registry.solved(method=teaches)
-    ids: dict[str, str] = {}
+    ids: dict[AnyTask, str] = {}
     for name in scenario.source_names:
-        if number_of(name, "policy") is not None:
+        if isinstance(name, str) and is_id(name):
             ids[name] = _named(registry, name, scenario, method, teaches).id
-        elif name in solved:
-            ids[name] = registry.policy(name, teaches).id
+        elif best := _best(registry, content(name), teaches):
+            ids[name] = best.id
     _require_distinct(ids)
     known = {
         name: dict.fromkeys((*seeds, ANY), ids[name]) if name in ids else {} for name in scenario.source_names
@@ -109,13 +113,13 @@ def resolve(registry: Registry, scenario: Scenario, method: str, seeds: Sequence
 
 def unlearned(scenario: Scenario, teaches: str, seeds: Sequence[int]) -> Sources:
     """The same where there is no registry yet: all tasks are missing."""
-    tasks = [name for name in scenario.source_names if number_of(name, "policy") is None]
+    tasks = [name for name in scenario.source_names if not is_id(str(name))]
     tasks += _others(load(scenario.target))[: scenario.chosen]
     return _sources(scenario, teaches, seeds, {task: {} for task in tasks})
 
 
 def _sources(
-    scenario: Scenario, teaches: str, seeds: Sequence[int], known: Mapping[str, Mapping[int, str]]
+    scenario: Scenario, teaches: str, seeds: Sequence[int], known: Mapping[AnyTask, Mapping[int, str]]
 ) -> Sources:
     """From the ids that are known of each name, by seed."""
     missing = [
@@ -128,7 +132,13 @@ def _sources(
     return Sources(ids, missing, scenario.paired)
 
 
-def _by_seed(registry: Registry, task: str, teaches: str) -> dict[int, str]:
+def _best(registry: Registry, task: Content, teaches: str) -> PolicyRecord | None:
+    with suppress(NotFoundError):
+        return registry.policy(task, teaches)
+    return None
+
+
+def _by_seed(registry: Registry, task: Content, teaches: str) -> dict[int, str]:
     """Seed -> the newest policy of a task that was learned with it by the usual numbers of its time."""
     newest: dict[int, str] = {}
     for policy, seed, settings in registry.learned(task, teaches):
@@ -145,13 +155,12 @@ def _chosen(
     Raises:
         NotFoundError: If there are fewer; with the commands that learn more.
     """
-    solved = set(registry.solved(target.domain, teaches))
-    tasks = [task for task in _others(target) if task in solved]
+    best = _solved_beside(registry, target, teaches)
     if scenario.paired:
-        by_task = {task: _by_seed(registry, task, teaches) for task in tasks}
+        by_task = {task: _by_seed(registry, content, teaches) for task, (content, _) in best.items()}
         there = {seed: {t: ids[seed] for t, ids in by_task.items() if seed in ids} for seed in seeds}
     else:
-        there = {ANY: {task: registry.policy(task, teaches).id for task in tasks}}
+        there = {ANY: {task: policy for task, (_, policy) in best.items()}}
     weights = scenario.similarity
     found = {
         seed: most_similar(
@@ -168,6 +177,18 @@ def _chosen(
     why = {seed: found[seed if scenario.paired else ANY][: scenario.chosen] for seed in seeds}
     ids = {seed: tuple(each.policy for each in its) for seed, its in why.items()}
     return Sources(ids, (), scenario.paired, why)
+
+
+def _solved_beside(registry: Registry, target: Task, teaches: str) -> dict[str, tuple[Content, str]]:
+    """The other tasks of a target's domain that have policies, and the id of the best one.
+
+    By their names; those that files defined come last, by their identity.
+    """
+    solved = {each.identity: (each, policy) for each, policy in registry.best_of_each(target.domain, teaches)}
+    known = {task: solved.pop(Content(task).identity, None) for task in _others(target)}
+    own = Content(target.name, target.definition).identity
+    defined = {key: its for key, its in solved.items() if its[0].definition is not None and key != own}
+    return {task: its for task, its in known.items() if its} | defined
 
 
 def _way_to_more(
@@ -203,7 +224,7 @@ def _others(target: Task) -> list[str]:
 def _named(registry: Registry, name: str, scenario: Scenario, method: str, teaches: str) -> PolicyRecord:
     """The policy of an id, if the method can reuse it on the target."""
     policy, target = registry.policy(name), load(scenario.target)
-    if not known(policy.task):
+    if policy.content.definition is None and not known(policy.task):
         raise UsageError(f"{name} solves {policy.task}, which is no task here", "run: paddlectl policies")
     if policy.domain != target.domain:
         raise UsageError(
@@ -212,19 +233,20 @@ def _named(registry: Registry, name: str, scenario: Scenario, method: str, teach
         )
     if policy.method != teaches:
         by = f"{name} was learned by {policy.method}; {method} reuses what {teaches} learned"
-        solved = policy.task in registry.solved(method=teaches)
-        fitting = [policy.task, *([registry.policy(policy.task, teaches).id] if solved else [])]
-        for other in fitting:
+        best, task = _best(registry, policy.content, teaches), task_of(policy)
+        for other in (task, *([best.id] if best else [])):
             if other in scenario.source_names:
                 raise UsageError(by, f"leave out {name}, as {other} stands beside it")
-        if solved:
-            raise UsageError(by, f"name {fitting[-1]} instead")
-        learn = Sources({}, [TrainJob(policy.task, ANY, method=teaches)], False).command()
-        raise UsageError(by, f"name {policy.task} instead, and run: {learn}")
+        if best:
+            raise UsageError(by, f"name {best.id} instead")
+        if not isinstance(task, str):
+            raise UsageError(by, f"name the file of {task} instead")
+        learn = Sources({}, [TrainJob(task, ANY, method=teaches)], False).command()
+        raise UsageError(by, f"name {task} instead, and run: {learn}")
     return policy
 
 
-def _require_distinct(ids: Mapping[str, str]) -> None:
+def _require_distinct(ids: Mapping[AnyTask, str]) -> None:
     for task, policy in ids.items():
         if task != policy and policy in ids:
             raise UsageError(

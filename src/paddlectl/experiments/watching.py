@@ -1,15 +1,15 @@
 """An episode of a policy, picture by picture."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from paddlectl.agents.base import Policy
 from paddlectl.agents.playing import Playing
-from paddlectl.tasks.base import Task
 from paddlectl.tasks.environment import drawn
+from paddlectl.tasks.suite import AnyTask, load
 
 
 class Seen(NamedTuple):
@@ -30,18 +30,18 @@ class Seen(NamedTuple):
     ended: bool
 
 
-def watched(policy: Policy, task: Task, seed: int) -> Iterator[Seen]:
+def watched(policy: Policy, asked: AnyTask, seed: int) -> Iterator[Seen]:
     """Plays one unseen layout; the picture before each action, and that of the end.
 
     Args:
         policy: Who plays; it explores nothing.
-        task: What is played.
+        asked: The task that is played.
         seed: Of the layout, and of what the policy leaves to chance.
 
     Raises:
         UsageError: If the task's environment can't be drawn.
     """
-    env: Any = drawn(task.name)
+    task, env = load(asked), cast(Any, drawn(asked))
     try:
         env.reset(seed=seed)
         playing = Playing(policy, task, env, seed)

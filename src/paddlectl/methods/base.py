@@ -64,9 +64,11 @@ def require_sources(name: str, setup: Setup, count: int | None = None) -> None:
     given, task = len(setup.sources), setup.task.name
     if not given or given != (count or given):
         needed = f"{count} sources" if count and count > 1 else "a source"
+        teacher = teacher_of(name, setup.task)
+        way = f"learn it alone: paddlectl train {task} --method {teacher}"
         raise UsageError(
             f"{name} needs {needed} for {task}, and has {given or 'none'}",
-            f"learn it alone: paddlectl train {task} --method {teacher_of(name, setup.task)}",
+            way if setup.task.definition is None else f"train its task file alone, by --method {teacher}",
         )
 
 

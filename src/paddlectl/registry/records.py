@@ -1,9 +1,31 @@
 """What the registry holds, as plain frozen values."""
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 RUN_STATES = ("running", "finished", "failed", "interrupted")
+
+DEFINITION = "definition"
+"""Under which a run's settings and a policy's metadata keep what a task file said of their task."""
+
+
+class Content(NamedTuple):
+    """A task by what it is: files may give one name to several.
+
+    Attributes:
+        definition: What its file says; None of a task that is found by its name.
+    """
+
+    name: str
+    definition: Mapping[str, Any] | None = None
+
+    @property
+    def identity(self) -> str:
+        """The same for tasks that are the same: their summaries don't matter."""
+        told = None if self.definition is None else {**self.definition, "summary": None}
+        return json.dumps([self.name, told], sort_keys=True)
 
 
 @dataclass(frozen=True)
@@ -47,6 +69,11 @@ class RunRecord:
     finished: str | None
     resumes: int = 0
 
+    @property
+    def content(self) -> Content:
+        """Its task as it was when the run began."""
+        return content_of(self.task, self.settings)
+
 
 @dataclass(frozen=True)
 class PolicyRecord:
@@ -76,6 +103,17 @@ class PolicyRecord:
     crispness: float | None
     created: str
     metadata: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def content(self) -> Content:
+        """Its task as it was when the policy was learned."""
+        return content_of(self.task, self.metadata)
+
+
+def content_of(task: str, kept: Mapping[str, Any]) -> Content:
+    """A task by its name and by what is kept with a run or policy."""
+    definition = kept.get(DEFINITION)
+    return Content(task, definition if isinstance(definition, Mapping) else None)
 
 
 class Label(NamedTuple):

@@ -16,9 +16,16 @@ from paddlectl.registry.files.faults import disk_faults
 from paddlectl.registry.files.runfiles import RunFiles
 from paddlectl.registry.index.entry import enter, publish
 from paddlectl.registry.index.index import Index
-from paddlectl.registry.index.queries import best_policy, count, find_policy, find_run, next_step
+from paddlectl.registry.index.queries import (
+    best_of_each,
+    best_policy,
+    count,
+    find_policy,
+    find_run,
+    next_step,
+)
 from paddlectl.registry.names import ELSEWHERE, number_of
-from paddlectl.registry.records import RUN_STATES, Label, PolicyRecord, RunRecord
+from paddlectl.registry.records import RUN_STATES, Content, Label, PolicyRecord, RunRecord, content_of
 from paddlectl.registry.schema import policies, policy_records, run_records, runs, select_runs
 
 Which = Literal["policies", "programs", "runs", "transfers", "ended", "stopped"]
@@ -274,7 +281,9 @@ class Registry:
             publish(self.folder, connection, f"policy-{number}")
             return find_policy(connection, number)
 
-    def policy(self, name: str, method: str | None = None, *, clauses: bool = False) -> PolicyRecord:
+    def policy(
+        self, name: str | Content, method: str | None = None, *, clauses: bool = False
+    ) -> PolicyRecord:
         """The policy of an id such as `policy-7`, or the best one of a task, of one method or of all.
 
         `clauses` asks of the task's policies only for such as have a program.
@@ -282,23 +291,31 @@ class Registry:
 
         Raises:
             NotFoundError: If there is none; with the nearest name.
+            UsageError: If the name is of several tasks, each defined in a file.
         """
         with self.index.reading() as connection:
-            number = number_of(name, "policy")
+            number = number_of(name, "policy") if isinstance(name, str) else None
             if number is not None:
                 return find_policy(connection, number)
             return best_policy(connection, name, method, clauses=clauses)
 
-    def learned(self, task: str, method: str) -> list[tuple[str, int, dict[str, Any]]]:
+    def learned(self, task: Content, method: str) -> list[tuple[str, int, dict[str, Any]]]:
         """The policies of a task by one method, newest first: id, seed, and the settings of its run."""
         c = policies.c
         newest = select(c.id, c.seed, runs.c.settings).join(runs, c.run == runs.c.id)
-        newest = newest.where(c.task == task, c.method == method).order_by(c.id.desc())
+        newest = newest.where(c.task == task.name, c.method == method).order_by(c.id.desc())
         with self.index.reading() as connection:
-            return [
+            found = [
                 (f"policy-{number}", int(seed), documents.from_json(text, f"the run of policy-{number}"))
                 for number, seed, text in connection.execute(newest)
             ]
+        return [each for each in found if content_of(task.name, each[2]).identity == task.identity]
+
+    def best_of_each(self, domain: str, method: str | None = None) -> list[tuple[Content, str]]:
+        """The tasks of a domain that have policies, each with the id of its best one, by name."""
+        with self.index.reading() as connection:
+            found = best_of_each(connection, domain, method).values()
+        return [(content, f"policy-{number}") for content, number in found]
 
     def policies(self) -> list[PolicyRecord]:
         """All policies, newest first."""
@@ -358,6 +375,8 @@ class Registry:
 
     def way_again(self, policy: PolicyRecord) -> str:
         """A hint: how such a policy is learned anew, by its own method if that trains sources."""
+        if policy.content.definition is not None:
+            return "train it again by its task file"
         own = policy.program is None and self.run(policy.run).kind == "train"
         by = f" --method {policy.method}" if own else ""
         return f"train it again: paddlectl train {policy.task}{by}"

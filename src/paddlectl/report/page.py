@@ -122,6 +122,7 @@ def _from_scratch(registry: Registry, run: RunRecord) -> Iterator[RunRecord]:
     teaches = METHODS[run.method].teaches if run.method in METHODS else ()
     found, _ = registry.newest_runs(200, {"task": run.task, "status": "finished"})
     alone = [other for other in found if not other.sources and other.id != run.id and other.frames]
+    alone = [other for other in alone if other.content.identity == run.content.identity]
     yield from sorted(alone, key=lambda other: (other.method not in teaches, other.seed != run.seed))
 
 

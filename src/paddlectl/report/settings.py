@@ -6,20 +6,23 @@ from typing import Any
 from rich.console import RenderableType
 
 from paddlectl.registry.records import RunRecord
+from paddlectl.report.definitions import definition_lines
 from paddlectl.report.documents import run_row
 from paddlectl.report.output import clean
 from paddlectl.report.tables import UNUSUAL, table
 
 
 def numbers(run: RunRecord) -> dict[str, Any]:
-    """`{settings, rules, unusual: [{name, value, usual}]}`; None for what an older run doesn't tell."""
+    """`{settings, rules, unusual: [{name, value, usual}], definition}`; None for what a run doesn't tell."""
     told = run.settings
     own = {"settings": told.get("learning", told.get("hybrid")), "rules": told.get("rules")}
+    definition = run.content.definition
     usual = told.get("unusual")
     if not isinstance(usual, Mapping):
-        return {**own, "unusual": None}
+        return {**own, "unusual": None, "definition": definition}
     return {
         **own,
+        "definition": definition,
         "unusual": [{"name": name, "value": _at(name, own), "usual": value} for name, value in usual.items()],
     }
 
@@ -33,9 +36,14 @@ def _at(name: str, own: Mapping[str, Any]) -> Any:
 
 
 def numbers_parts(document: Mapping[str, Any], method: str) -> list[RenderableType]:
-    """The unusual ones, if there are any."""
+    """The unusual ones, if there are any, and what the task's file said, if it is from one."""
     title = f"Numbers that differ from the usual ones of {clean(method)}"
-    return ["", table(UNUSUAL, document["unusual"], title)] if document["unusual"] else []
+    parts: list[RenderableType] = []
+    if document["unusual"]:
+        parts += ["", table(UNUSUAL, document["unusual"], title)]
+    if document["definition"]:
+        parts += ["", "Its task, as a file tells it:", *definition_lines(document["definition"])]
+    return parts
 
 
 def run_document(run: RunRecord) -> dict[str, Any]:

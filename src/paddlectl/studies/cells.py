@@ -15,14 +15,16 @@ from typing import Any, NamedTuple
 from paddlectl.agents.settings import changed, restored, with_defaults
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.jobs import RandomJob, TrainJob, TransferJob
+from paddlectl.experiments.policies import task_of
 from paddlectl.experiments.runner import budget_of, rules_of, settings_of
 from paddlectl.methods.base import method_of
 from paddlectl.methods.catalogue import MADE_AS, teacher_of
-from paddlectl.registry.records import RunRecord
+from paddlectl.registry.records import Content, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.studies.study import Loaded, Study, Variant, varied
-from paddlectl.tasks.suite import load
+from paddlectl.tasks.naming import content
+from paddlectl.tasks.suite import AnyTask, load
 
 RANDOM = "random"
 """The method of policies that have learned nothing."""
@@ -31,7 +33,7 @@ RANDOM = "random"
 class Source(NamedTuple):
     """A policy that cells reuse: of a task, by a method's usual numbers, with a seed and a budget."""
 
-    task: str
+    task: AnyTask
     method: str
     seed: int
     frames: int | None = None
@@ -193,7 +195,7 @@ def _cell(
 
 
 @cache
-def _teacher_of(method: str, target: str) -> str | None:
+def _teacher_of(method: str, target: AnyTask) -> str | None:
     return teacher_of(method, load(target))
 
 
@@ -202,7 +204,7 @@ def _key_of(record: RunRecord) -> str:
     scenario = settings.get("scenario") or {}
     return _key(
         record.method,
-        record.task,
+        record.content,
         record.seed,
         record.sources,
         settings.get("frames"),
@@ -215,7 +217,7 @@ def _as_today(record: RunRecord) -> tuple[Any, Any]:
     """A run's settings and rules as this version writes them: what came later is as it was without it."""
     learning, rules = (record.settings.get(name) for name in ("learning", "rules"))
     try:
-        usual_settings, usual_rules = _defaults(MADE_AS.get(record.method, record.method), record.task)
+        usual_settings, usual_rules = _defaults(MADE_AS.get(record.method, record.method), task_of(record))
         learning = dataclasses.asdict(restored(usual_settings, learning, "settings"))
         if usual_rules and record.kind == "transfer":
             rules = dataclasses.asdict(restored(usual_rules, rules or {}, "rules"))
@@ -225,7 +227,7 @@ def _as_today(record: RunRecord) -> tuple[Any, Any]:
 
 
 @cache
-def _defaults(method: str, task: str) -> tuple[Any, Any]:
+def _defaults(method: str, task: AnyTask) -> tuple[Any, Any]:
     made, loaded = method_of(method), load(task)
     rules = made.rules_for(loaded)
     return with_defaults(made.settings_from(loaded, {})), rules and with_defaults(rules)
@@ -236,7 +238,7 @@ def _key_of_source(source: Source) -> str:
     made = TrainJob(source.task, source.seed, source.frames, method=method)
     frames = 0 if source.method == RANDOM else budget_of(made)
     learning = dataclasses.asdict(settings_of(made))
-    return _key(source.method, source.task, source.seed, (), frames, learning)
+    return _key(source.method, content(source.task), source.seed, (), frames, learning)
 
 
 def _key_of_job(job: TransferJob) -> str:
@@ -244,7 +246,7 @@ def _key_of_job(job: TransferJob) -> str:
     rules = rules_of(job)
     return _key(
         job.method,
-        job.scenario.target,
+        content(job.scenario.target),
         job.seed,
         job.sources,
         job.frames,
@@ -256,7 +258,7 @@ def _key_of_job(job: TransferJob) -> str:
 
 def _key(
     method: str,
-    task: str,
+    task: Content,
     seed: int,
     sources: Sequence[str],
     frames: Any,
@@ -266,7 +268,7 @@ def _key(
 ) -> str:
     """All that decides what a run does; the scenario's numbers only if there is a source to weigh."""
     numbers = [frames, learning, rules, scenario if sources else None]
-    told = json.dumps([method, task, seed, list(sources), *numbers])
+    told = json.dumps([method, task.identity, seed, list(sources), *numbers])
     return json.dumps(json.loads(told, parse_float=_number), sort_keys=True)
 
 

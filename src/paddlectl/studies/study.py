@@ -21,12 +21,16 @@ from paddlectl.scenario import (
     Similarity,
     TaskSources,
     advice_on_seeds,
+    ambiguous,
     load_scenario,
     misfits_of,
     misnamed,
+    read_tasks,
     repeated,
+    unreadable,
 )
 from paddlectl.tasks import suite
+from paddlectl.tasks.suite import AnyTask
 from paddlectl.yaml_files import Closed, KeyPath, Kind, Problem, load_file, unknown
 
 MOST = 200
@@ -98,8 +102,23 @@ def load_study(path: Path) -> Loaded:
         NotFoundError: If there is no such file.
         InvalidFileError: If it isn't a study; the message starts with file:line:column.
     """
-    study = load_file(path, _KIND)
+    study = _read(load_file(path, _KIND), path.parent)
     return Loaded(path, study, tuple(load_scenario(path.parent / name) for name in study.scenarios))
+
+
+def _read(study: Study, folder: Path) -> Study:
+    """The study with what its variants' task files define."""
+    variants = {
+        name: variant.model_copy(
+            update={part: tasks and read_tasks(tasks, folder) for part, tasks in _tasks_of(variant).items()}
+        )
+        for name, variant in study.variants.items()
+    }
+    return study.model_copy(update={"variants": variants})
+
+
+def _tasks_of(variant: Variant) -> dict[str, tuple[AnyTask, ...] | None]:
+    return {"sources": variant.sources, "random": variant.random}
 
 
 def varied(scenario: Scenario, variant: Variant) -> Scenario:
@@ -124,7 +143,7 @@ def _misuses(study: Study, path: Path) -> Iterator[Problem]:
         except PaddlectlError as error:
             yield Problem(("scenarios", index), error.message)
             continue
-        if named := [source for source in scenarios[-1].source_names if is_id(source)]:
+        if named := [source for source in scenarios[-1].source_names if is_id(str(source))]:
             yield Problem(
                 ("scenarios", index), f"it reuses {named[0]}; a study reuses those of its own seeds"
             )
@@ -148,8 +167,25 @@ def _misuses(study: Study, path: Path) -> Iterator[Problem]:
         cells := math.prod(map(len, (study.scenarios, study.methods, study.seeds, study.variants or "1")))
     ) > MOST_CELLS:
         yield Problem(("seeds",), f"{cells:,} cells in all; a study has {MOST_CELLS:,} at most")
+    unread = [
+        problem
+        for name, variant in study.variants.items()
+        for part, tasks in _tasks_of(variant).items()
+        for problem in unreadable(("variants", name, part), tasks or (), path.parent)
+    ]
+    yield from unread
+    if unread:
+        return
+    study = _read(study, path.parent)
     for name, variant in study.variants.items():
         yield from _misuses_of_variant(("variants", name), variant, study, scenarios)
+    variants = [
+        task for each in study.variants.values() for tasks in _tasks_of(each).values() for task in tasks or ()
+    ]
+    if wrong := ambiguous(
+        [*variants, *(task for each in scenarios for task in (each.target, *each.source_names))]
+    ):
+        yield Problem(("scenarios",), wrong)
 
 
 def _misuses_of_variant(
@@ -164,9 +200,9 @@ def _misuses_of_variant(
             )
             for name in unlike
         )
-    for part in ("sources", "random"):
-        yield from repeated((*key, part), getattr(variant, part) or ())
-        for index, task in enumerate(getattr(variant, part) or ()):
+    for part, tasks in _tasks_of(variant).items():
+        yield from repeated((*key, part), tasks or ())
+        for index, task in enumerate(tasks or ()):
             for scenario in scenarios:
                 if message := misnamed(task, ("sources", "tasks"), scenario.target):
                     yield Problem((*key, part, index), message)

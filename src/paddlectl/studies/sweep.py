@@ -128,14 +128,14 @@ def _untried(ways: Sequence[Step], tried: Container[str]) -> Step | None:
 
 def _of_source(source: Source, found: Found) -> list[Step]:
     """The ways to it, the quickest first: to go on with a run that was stopped, or to begin anew."""
-    job, of = source.job(), (source.name, "train", source.method, source.task)
+    job, of = source.job(), (source.name, "train", source.method, str(source.task))
     anew = Step(job, *of, budget_of(job) if isinstance(job, TrainJob) else 0)
     return _ways(found, anew) if source.method != RANDOM or found.state != "stopped" else [anew]
 
 
 def _of_cell(cell: Cell, found: Found, sources: Sequence[Found]) -> list[Step]:
     """Likewise."""
-    job, of = cell.job(policies_of(sources)), (cell.name, "transfer", cell.method, cell.scenario.target)
+    job, of = cell.job(policies_of(sources)), (cell.name, "transfer", cell.method, str(cell.scenario.target))
     return _ways(found, Step(job, *of, cell.frames))
 
 

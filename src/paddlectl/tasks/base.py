@@ -1,6 +1,8 @@
 """What a task is to the rest of the package: symbols, subgoals, and a batch of environments."""
 
+import json
 import typing
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -207,3 +209,24 @@ class Task:
     make: Make
     learner: str = "ppo"
     frames: int = FRAMES
+
+    @property
+    def definition(self) -> Mapping[str, Any] | None:
+        """What the registry keeps of a task from a file; None of one that is found by its name."""
+        return None
+
+
+@dataclass(frozen=True)
+class DefinedTask(Task):
+    """A task from a file.
+
+    Attributes:
+        told: What the registry keeps of it, as JSON.
+    """
+
+    told: str = "{}"
+
+    @property
+    def definition(self) -> Mapping[str, Any]:
+        definition: Mapping[str, Any] = json.loads(self.told)
+        return definition

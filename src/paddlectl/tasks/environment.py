@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import replace
+from importlib import import_module
 from typing import Any
 
 import gymnasium
@@ -47,6 +48,11 @@ class TaskEnv(gymnasium.Env[Any, Any]):
     def task(self) -> str:
         """Its task's name."""
 
+    @property
+    def asked(self) -> Any:
+        """Its task as `tasks.suite.load` takes it."""
+        return self.task
+
     @abstractmethod
     def mirror_in(self, engine: Any) -> None:
         """Brings the one lane of its task's engine into the present state of this environment.
@@ -70,21 +76,21 @@ class TaskEnv(gymnasium.Env[Any, Any]):
         self._spec = spec and replace(spec, max_episode_steps=self.max_steps)
 
 
-def drawn(task: str) -> TaskEnv:
+def drawn(task: Any) -> TaskEnv:
     """The environment of a task, on unseen layouts, whose `render` gives a picture.
+
+    Args:
+        task: As `tasks.suite.load` takes it.
 
     Raises:
         UsageError: If it can't be drawn.
     """
-    if task not in registration.ENTRY_POINTS:
-        raise UsageError(
-            f"{task} can't be drawn: its environment is no Gymnasium environment of this package"
-        )
-    looks = registration.LOOKS.get(registration.ENTRY_POINTS[task], {})
-    name = registration.environment_id(task)
-    made = gymnasium.make(
-        name, render_mode="rgb_array", split="evaluation", disable_env_checker=True, **looks
-    )
-    env = made.unwrapped
-    assert isinstance(env, TaskEnv)
+    where = registration.ENTRY_POINTS.get(task) if isinstance(task, str) else registration.OF_FILES
+    if where is None:
+        raise UsageError(f"{task} can't be drawn", "only MiniGrid's rooms and the maze of this package can")
+    module, _, name = where.partition(":")
+    made = getattr(import_module(module), name)
+    looks = registration.LOOKS.get(where, {})
+    given = task if isinstance(task, str) else task.spec
+    env: TaskEnv = made(given, split="evaluation", render_mode="rgb_array", **looks)
     return env

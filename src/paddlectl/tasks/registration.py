@@ -1,8 +1,11 @@
 """The tasks' names in Gymnasium, `paddle/BoxDoor-v0`; importing this module registers all of them.
 
 Gymnasium imports it by itself for `gymnasium.make("paddlectl.tasks.registration:paddle/BoxDoor-v0")`. What
-an environment needs is imported when one is made.
+an environment needs is imported when one is made. That of a task file is
+`gymnasium.make("paddlectl.tasks.registration:paddle/File-v0", task="mytasks/KeyGoal.yaml")`.
 """
+
+from typing import Any
 
 import gymnasium
 
@@ -21,8 +24,15 @@ ENTRY_POINTS = {
 }
 """Of each task, the class of its environment, which is made with the task's name."""
 
-LOOKS = {"paddlectl.tasks.minigrid.env:PaddleEnv": {"tile_size": 24, "highlight": False}}
+OF_FILES = "paddlectl.tasks.minigrid.env:PaddleEnv"
+"""The same, of tasks from files."""
+
+LOOKS: dict[str, dict[str, Any]] = {OF_FILES: {"tile_size": 24, "highlight": False}}
 """How pictures are made, where that isn't the usual way: nothing of the room is hidden from a policy."""
 
+FILE = environment_id("File")
+"""Gymnasium's name of all tasks from files; `task` is the file's path."""
+
+gymnasium.register(id=FILE, entry_point="paddlectl.tasks.files:make_environment")
 for _task, _entry_point in ENTRY_POINTS.items():
     gymnasium.register(id=environment_id(_task), entry_point=_entry_point, kwargs={"task": _task})

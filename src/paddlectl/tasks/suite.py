@@ -4,6 +4,7 @@ Those of other distributions are the entry points of the group `paddlectl.tasks`
 of a function that is given the name and makes the task.
 """
 
+import json
 import re
 from collections.abc import Callable, Iterator
 from difflib import get_close_matches
@@ -12,9 +13,13 @@ from paddlectl.errors import NotFoundError, PaddlectlError
 from paddlectl.plugins import Plugins, attribute, require_kind
 from paddlectl.registry.fields import TASK
 from paddlectl.registry.names import is_id
-from paddlectl.tasks.base import Task
+from paddlectl.tasks.base import DefinedTask, Task
 from paddlectl.tasks.maze2d import layouts as maze2d
 from paddlectl.tasks.minigrid import layouts as minigrid
+from paddlectl.tasks.minigrid.words import Defined, document_of
+
+AnyTask = str | Defined
+"""A task by its name, or as a task file defines it (`tasks.naming.given`)."""
 
 # name -> "module:attribute" of a function that makes the task of that name
 TASKS: dict[str, str] = {
@@ -29,18 +34,20 @@ def names() -> tuple[str, ...]:
     return (*TASKS, *PLUGINS.names())
 
 
-def known(name: str) -> bool:
-    """Whether there is a task of that name."""
-    return name in TASKS or name in PLUGINS
+def known(name: AnyTask) -> bool:
+    """Whether there is a task of that name; one that is defined is there."""
+    return isinstance(name, Defined) or name in TASKS or name in PLUGINS
 
 
-def load(name: str) -> Task:
-    """The task of that name.
+def load(name: AnyTask) -> Task:
+    """The task of that name, or as it is defined.
 
     Raises:
         NotFoundError: If there is none; it tells the nearest names.
         PaddlectlError: If it is a plug-in's that can't be used.
     """
+    if isinstance(name, Defined):
+        return _defined(name.spec)
     if name in TASKS:
         task: Task = attribute(TASKS[name])(name)
         return task
@@ -54,6 +61,11 @@ def load(name: str) -> Task:
         if not re.fullmatch(TASK, task.domain):
             raise ValueError(f"domain can't be {task.domain!r}")
     return task
+
+
+def _defined(spec: minigrid.Spec) -> Task:
+    task: Task = attribute("paddlectl.tasks.minigrid.engine:task_of")(spec)
+    return DefinedTask(**vars(task), told=json.dumps(document_of(spec)))
 
 
 def usable(tell: Callable[[PaddlectlError], None] = lambda _: None) -> Iterator[Task]:

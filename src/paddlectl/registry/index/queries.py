@@ -1,14 +1,15 @@
 """Rows of the index, chosen by the database, and what to say of one that isn't there."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Table, func, or_, select
+from sqlalchemy import ColumnElement, Connection, Select, Table, case, func, or_, select
 
-from paddlectl.errors import NotFoundError
+from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.registry.files.documents import from_json
 from paddlectl.registry.names import is_id, nearest, number_of, shown
-from paddlectl.registry.records import PolicyRecord, RunRecord
+from paddlectl.registry.records import DEFINITION, Content, PolicyRecord, RunRecord, content_of
 from paddlectl.registry.schema import ROW_TABLES, policies, policy_record, run_records, runs, select_runs
 
 _LISTED = 200
@@ -68,25 +69,89 @@ def _like(connection: Connection, table: Table, kind: str, name: str) -> list[st
 
 
 def best_policy(
-    connection: Connection, task: str, method: str | None = None, *, clauses: bool = False
+    connection: Connection, task: str | Content, method: str | None = None, *, clauses: bool = False
 ) -> PolicyRecord:
     """The best policy of a task: by success rate, then by mean score, then the newest.
 
+    A name is of the task that needs no definition, if that has a policy.
+
     Raises:
         NotFoundError: If there is none; with the nearest name.
+        UsageError: If policies of that name solve several tasks, each defined in a file.
     """
-    c = policies.c
-    best_first = (c.success_rate.desc(), c.mean_score.desc(), c.id.desc())
-    found = select(policies).where(c.task == task).order_by(*best_first).limit(1)
-    if method is not None:
-        found = found.where(c.method == method)
-    if clauses:
-        found = found.where(c.program.is_not(None))
-    row = connection.execute(found).first() if task.isprintable() else None  # others can't even be asked for
+    name = task if isinstance(task, str) else task.name
+    row = None
+    if name.isprintable():  # others can't even be asked for
+        found = _best_first(method).where(policies.c.task == name).limit(1)
+        if clauses:
+            found = found.where(policies.c.program.is_not(None))
+        row = connection.execute(_of(connection, task, found)).first()
     if row is None:
         by = f" by {method}" if method else ""
-        raise NotFoundError(f"no policy for {shown(task)}{by}", _way_to_policy(connection, task, method))
+        raise NotFoundError(f"no policy for {shown(name)}{by}", _way_to_policy(connection, name, method))
     return policy_record(row)
+
+
+def best_of_each(
+    connection: Connection, domain: str, method: str | None = None
+) -> dict[str, tuple[Content, int]]:
+    """The tasks of a domain that have policies, by identity, each with the number of its best one."""
+    c = policies.c
+    rows = _best_first(method).with_only_columns(c.task, c.id, _KEPT).where(c.domain == domain)
+    found: dict[str, tuple[Content, int]] = {}
+    for task, number, kept in connection.execute(rows):
+        content = _content(task, kept, number)
+        found.setdefault(content.identity, (content, number))
+    return dict(sorted(found.items()))
+
+
+def _best_first(method: str | None) -> Select[Any]:
+    c = policies.c
+    found = select(policies).order_by(c.success_rate.desc(), c.mean_score.desc(), c.id.desc())
+    return found if method is None else found.where(c.method == method)
+
+
+_KEPT = case((policies.c.metadata.contains(f'"{DEFINITION}"'), policies.c.metadata))
+"""Metadata where there may be a definition in it."""
+
+
+def _content(task: str, kept: str | None, number: int) -> Content:
+    return Content(task) if kept is None else content_of(task, from_json(kept, f"policy-{number}"))
+
+
+def _of(connection: Connection, task: str | Content, found: Select[Any]) -> Select[Any]:
+    """Those of the policies found, all of one name, that solve the task."""
+    name = task if isinstance(task, str) else task.name
+    c = policies.c
+    kept = select(c.id, _KEPT).where(c.task == name, _KEPT.is_not(None)).order_by(c.id)
+    defined = {
+        number: content.identity
+        for number, text in connection.execute(kept)
+        if (content := _content(name, text, number)).definition is not None
+    }
+    if isinstance(task, Content) and task.definition is not None:
+        return found.where(c.id.in_([n for n, identity in defined.items() if identity == task.identity]))
+    if not defined:
+        return found
+    others = found.where(c.id.not_in(list(defined)))
+    if isinstance(task, Content) or connection.execute(others).first() is not None:
+        return others
+    _require_one(name, defined)
+    return found
+
+
+def _require_one(name: str, defined: Mapping[int, str]) -> None:
+    first = {identity: number for number, identity in sorted(defined.items(), reverse=True)}
+    if len(first) > 1:
+        ids = [f"policy-{number}" for number in sorted(first.values())]
+        raise UsageError(
+            f"{shown(name)} is the name of {len(first)} tasks here: {_listed(ids)} solve one each",
+            "name a policy, or the task's file",
+        )
+
+
+def _listed(ids: Sequence[str]) -> str:
+    return ", ".join(ids[:5]) + (f" and {len(ids) - 5} more" if len(ids) > 5 else "")
 
 
 def _way_to_policy(connection: Connection, task: str, method: str | None) -> str:

@@ -28,9 +28,10 @@ from paddlectl.tasks.minigrid.grid import (
     Held,
     Thing,
 )
-from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, draw_layouts
+from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, Spec, draw_layouts
 from paddlectl.tasks.minigrid.mission import Mission
 from paddlectl.tasks.minigrid.symbols import SUBGOALS
+from paddlectl.tasks.minigrid.words import Defined
 
 
 class Tile(Floor):
@@ -66,12 +67,12 @@ class Chest(Box):
 
 
 class PaddleEnv(TaskEnv, MiniGridEnv):
-    """One of the seven tasks.
+    """One of the seven tasks, or one from a file.
 
     MiniGrid's objects are typed as Any here: its own hints know neither what is carried nor where a thing is.
 
     Args:
-        task: Its name.
+        task: Its name, or what its file defines.
         split: Of which the layouts are.
         milestone_reward: What each milestone pays; 0 gives the sparse variant.
         max_steps: Steps after which an episode is truncated; the final reward falls over as many.
@@ -83,13 +84,13 @@ class PaddleEnv(TaskEnv, MiniGridEnv):
 
     def __init__(
         self,
-        task: str,
+        task: str | Spec,
         split: Split = "training",
         milestone_reward: float = 0.1,
         max_steps: int = HORIZON,
         **kwargs: Any,
     ) -> None:
-        self.spec_of_task = SPECS[task]
+        self.spec_of_task = SPECS[task] if isinstance(task, str) else task
         self.configure(split, max_steps)
         self.milestone_reward = milestone_reward
         mission: Any = Mission(self.spec_of_task.mission)
@@ -101,6 +102,11 @@ class PaddleEnv(TaskEnv, MiniGridEnv):
     @property
     def task(self) -> str:
         return self.spec_of_task.name
+
+    @property
+    def asked(self) -> str | Defined:
+        own = self.spec_of_task
+        return own.name if SPECS.get(own.name) is own else Defined(own)
 
     def _gen_grid(self, width: int, height: int) -> None:
         self.place(draw_layouts(self.spec_of_task, self.np_random, 1, self.split))

@@ -3,7 +3,7 @@
 An eighth task of the same kind is one more entry in SPECS.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
@@ -44,8 +44,8 @@ class Spec:
     """
 
     name: str
-    summary: str
-    mission: str
+    summary: str = field(compare=False)
+    mission: str = field(compare=False)
     passage: Passage
     near: tuple[Thing, ...]
     far: tuple[Thing, ...]
@@ -182,11 +182,12 @@ def draw_layouts(spec: Spec, rng: np.random.Generator, count: int, split: Split 
 
     Both cells beside the passage stay free but for the blockage. Everything else that could be in the way
     can be opened or carried off, but for a tile; and no cell depends on the one way that a single tile shuts.
+    Two tiles in one room may shut a corner: such layouts aren't drawn.
     """
     drawn, missing = [_drawn(spec, rng, 0)], count
     while missing:
         found = _drawn(spec, rng, missing)
-        chosen = found.of(split)
+        chosen = found.of(split) & ~_shut_a_corner(found.where)
         drawn.append(Layouts(*(values[chosen] for values in found)))
         missing -= int(chosen.sum())
     return Layouts(*map(np.concatenate, zip(*drawn, strict=True)))
@@ -209,6 +210,15 @@ def _drawn(spec: Spec, rng: np.random.Generator, count: int) -> Layouts:
     return Layouts(_cell(1 + start % _ROOM, start // _ROOM), rng.integers(4, size=count), where)
 
 
+def _shut_a_corner(where: Ints) -> Bools:
+    """Whether the tiles are on both ways to the corner of a room. [n]"""
+    tiles = np.sort(where[:, [Thing.YELLOW_TILE, Thing.RED_TILE]], axis=1)
+    shut = np.zeros(len(where), np.bool_)
+    for corner, across, down in _CORNERS:
+        shut |= (tiles == sorted((corner + across, corner + down))).all(axis=1)
+    return shut
+
+
 def build_grid(spec: Spec, where: Ints) -> Codes:
     """The codes of all cells at the start. [n, 120] uint8"""
     grid = np.zeros((len(where), HEIGHT, WIDTH), dtype=np.uint8)
@@ -220,6 +230,15 @@ def build_grid(spec: Spec, where: Ints) -> Codes:
     for thing in spec.things:
         flat[lanes, where[:, thing]] = CODE_OF_THING[thing]
     return flat
+
+
+_CORNERS = [
+    (y * WIDTH + x, across, down)
+    for left in (1, MIDDLE + 1)
+    for x, across in ((left, 1), (left + _ROOM - 1, -1))
+    for y, down in ((1, WIDTH), (_ROOM, -WIDTH))
+]
+"""The corners of the rooms, and how far the cells beside each are. [8, 3]"""
 
 
 def _cell(x: Ints | int, row: Ints) -> Ints:
