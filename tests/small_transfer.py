@@ -14,12 +14,12 @@ from paddlectl.methods import finetune, paddle
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Guidance, Scenario
 
-FRAMES = 8192
+FRAMES = 21 * 256  # rounds; two episodes of each lane at least
 TARGET = "BlockedBoxUnlockPickup"
 SMALL = {"num_envs": 8, "rollout_steps": 32, "low_level": {"epochs": 1}}
 """Eight lanes, so that a few thousand frames hold a few dozen episodes."""
 
-SHORT = ((paddle, "EARLY", 10), (finetune, "TRIALS", 2), (policies, "EVALUATION_EPISODES", 8))
+SHORT = ((paddle, "EARLY", 8), (finetune, "TRIALS", 2), (policies, "EVALUATION_EPISODES", 8))
 """Module, name and value: what is shorter, too."""
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from inspect import getdoc, signature
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest import mock
 
 import gymnasium
 import numpy as np
@@ -18,6 +19,7 @@ from gymnasium.wrappers import TimeLimit
 import paddlectl
 from paddlectl.agents.interaction import Interaction
 from paddlectl.agents.playing import Playing
+from paddlectl.experiments import runner
 from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.policies import revive
 from paddlectl.hybrid.rollout import Rollout
@@ -288,7 +290,7 @@ class Learned(NamedTuple):
 @pytest.fixture(scope="module")
 def learned(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Learned]:
     place = tmp_path_factory.mktemp("learned") / "registry"
-    with small():
+    with small(), mock.patch.object(runner, "budget_of", lambda job: job.frames or 1):
         first = paddlectl.train("BlockedDoor", frames=1, registry=place)
         transfers = [
             paddlectl.transfer(SCENARIO, frames=1, seed=2, registry=place, train_missing=True),

@@ -5,7 +5,7 @@ import os
 import resource
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 
@@ -22,6 +22,33 @@ atexit.register(lambda: print(*sys.modules, file=sys.stderr))
 from paddlectl.cli.app import main
 sys.argv[0] = "paddlectl"
 sys.exit(main())
+"""
+
+MANY = """
+import json, os, sys
+from paddlectl.cli import app
+app.make_app(())  # Typer, which each of them loads
+for line in sys.stdin:
+    words, variables, folder, files = json.loads(line)
+    if child := os.fork():
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+        continue
+    code = 1
+    try:
+        for number, file in enumerate(files, 1):
+            os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT), number)
+        os.chdir(folder)
+        os.environ.clear()
+        os.environ.update(variables)
+        sys.argv = ["paddlectl", *words]
+        code = app.main()
+    except SystemExit as left:
+        code = left.code or 0
+    finally:
+        print(*sys.modules, file=sys.stderr)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
 """
 
 BARE = """
@@ -42,18 +69,47 @@ def run(code: str, *arguments: object, **variables: str) -> subprocess.Completed
     return done
 
 
-def loaded(*arguments: object) -> set[str]:
-    return {name.split(".")[0] for name in run(LOADED, *arguments).stderr.split()}
+Ask = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="module")
+def ask(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ask]:
+    """As `run` with `LOADED`, by one process that has loaded Typer and forks for each command line."""
+    files = [str(tmp_path_factory.mktemp("asked") / name) for name in ("out", "err")]
+    line = [sys.executable, "-c", MANY]
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    with subprocess.Popen(
+        line, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin and process.stdout
+
+        def asked(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
+            for file in files:
+                Path(file).write_text("")
+            question = [words, dict(os.environ) | variables, str(Path.cwd()), files]
+            process.stdin.write(f"{json.dumps(question)}\n")
+            process.stdin.flush()
+            code = int(process.stdout.readline())
+            done = subprocess.CompletedProcess(words, code, *(Path(file).read_text() for file in files))
+            assert done.returncode == 0, done.stderr
+            return done
+
+        yield asked
+        process.stdin.close()
+
+
+def loaded(done: subprocess.CompletedProcess[str]) -> set[str]:
+    return {name.split(".")[0] for name in done.stderr.split()}
 
 
 def test_help_loads_nothing_heavy() -> None:
-    assert not loaded("--help") & (HEAVY | {"numpy", "sqlalchemy", "yaml", "sympy"})
+    assert not loaded(run(LOADED, "--help")) & (HEAVY | {"numpy", "sqlalchemy", "yaml", "sympy"})
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_of_a_command_loads_nothing_heavy_and_ends_with_an_example(name: str) -> None:
-    done = run(LOADED, name, "--help")
-    assert not {module.split(".")[0] for module in done.stderr.split()} & (HEAVY | {"numpy", "sqlalchemy"})
+def test_help_of_a_command_loads_nothing_heavy_and_ends_with_an_example(ask: Ask, name: str) -> None:
+    done = ask(name, "--help")
+    assert not loaded(done) & (HEAVY | {"numpy", "sqlalchemy"})
     assert f"Example: paddlectl {name}" in done.stdout
 
 
@@ -64,9 +120,8 @@ def test_help_of_a_command_loads_nothing_heavy_and_ends_with_an_example(name: st
         *("resume --all", "compare"),
     ],
 )
-def test_reading_loads_no_torch(registry: Registry, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PADDLECTL_REGISTRY", registry.location)
-    assert not loaded(*line.split()) & HEAVY
+def test_reading_loads_no_torch(ask: Ask, registry: Registry, line: str) -> None:
+    assert not loaded(ask(*line.split(), PADDLECTL_REGISTRY=registry.location)) & HEAVY
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -102,22 +157,25 @@ def processor_seconds(code: str) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def complete(line: str, **variables: str) -> list[str]:
-    words = line.split(" ")
-    done = run(
-        LOADED,
-        _PADDLECTL_COMPLETE="complete_bash",
-        COMP_WORDS=line,
-        COMP_CWORD=str(len(words) - 1),
-        **variables,
-    )
-    modules = {name.split(".")[0] for name in done.stderr.split()}
-    assert not modules & HEAVY
-    assert "sys" in modules
-    return done.stdout.split()
+Complete = Callable[..., list[str]]
 
 
-def test_completion_of_commands_tasks_policies_runs(registry: Registry) -> None:
+@pytest.fixture
+def complete(ask: Ask) -> Complete:
+    """What is offered at the end of a line."""
+
+    def offered(line: str, **variables: str) -> list[str]:
+        last = str(len(line.split(" ")) - 1)
+        words = {"_PADDLECTL_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": last}
+        done = ask(**words, **variables)
+        assert not loaded(done) & HEAVY
+        assert "sys" in loaded(done)
+        return done.stdout.split()
+
+    return offered
+
+
+def test_completion_of_commands_tasks_policies_runs(complete: Complete, registry: Registry) -> None:
     where = {"PADDLECTL_REGISTRY": registry.location}
     assert complete("paddlectl tr") == ["train", "transfer"]
     assert complete("paddlectl train Box") == ["BoxDoor"]
@@ -140,7 +198,7 @@ def test_completion_of_commands_tasks_policies_runs(registry: Registry) -> None:
     assert complete(f"paddlectl show --registry {registry.location} policy-1") == ["policy-1"]
 
 
-def test_completion_offers_what_the_command_takes(registry: Registry) -> None:
+def test_completion_offers_what_the_command_takes(complete: Complete, registry: Registry) -> None:
     where = {"PADDLECTL_REGISTRY": registry.location}
     add_source(registry, "CoffeeMaze", "", domain="maze2d")
     for method, sources, status in (
@@ -174,13 +232,13 @@ def test_completion_offers_what_the_command_takes(registry: Registry) -> None:
     assert set(offered) == {TARGET, "GapBall", "BlockedDoor", "policy-1", "policy-2", "policy-3", "policy-6"}
 
 
-def test_nothing_is_offered_where_there_is_nothing(tmp_path: Path) -> None:
+def test_nothing_is_offered_where_there_is_nothing(complete: Complete, tmp_path: Path) -> None:
     Registry.open(tmp_path / "registry").close()
     for line in ("explain ", "export ", "resume ", "show ", "registry export "):
         assert complete(f"paddlectl {line}", PADDLECTL_REGISTRY=str(tmp_path / "registry")) == []
 
 
-def test_completion_of_scenario_files(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_completion_of_scenario_files(complete: Complete, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("HOME", str(ROOT))
     assert complete("paddlectl transfer ~/scenarios/D") == ["~/scenarios/D-place.yaml", "~/scenarios/D.yaml"]
@@ -201,7 +259,7 @@ def test_completion_of_task_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_completion_of_what_can_be_drawn(
-    registry: Registry, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    complete: Complete, registry: Registry, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
@@ -214,12 +272,12 @@ def test_completion_of_what_can_be_drawn(
     assert complete("paddlectl plot x --x e", **where) == ["episodes"]
 
 
-def test_completion_of_methods() -> None:
+def test_completion_of_methods(complete: Complete) -> None:
     assert complete("paddlectl train BoxDoor --method p") == ["ppo"]
     assert complete("paddlectl transfer A.yaml --method p")[:2] == ["paddle", "ppo"]
 
 
-def test_completion_is_silent_about_trouble(tmp_path: Path) -> None:
+def test_completion_is_silent_about_trouble(complete: Complete, tmp_path: Path) -> None:
     assert complete("paddlectl show ", PADDLECTL_REGISTRY=str(tmp_path / "none")) == []
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+import inline
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.jobs import Failure
 from paddlectl.registry.store import Registry
@@ -23,7 +24,8 @@ def study(folder: Path, methods: str = "paddle, hdm") -> Path:
     return path
 
 
-def test_a_study_is_run_once(command: Command, tmp_path: Path) -> None:
+def test_a_study_is_run_once(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("paddlectl.experiments.processes.run_jobs", inline.run_jobs)
     file, results = study(tmp_path), tmp_path / "made" / "results.json"
     before = command("sweep", file, "--dry-run")
     assert before.code == 0
@@ -51,6 +53,13 @@ def test_a_study_is_run_once(command: Command, tmp_path: Path) -> None:
     ]
     assert [row.source_frames for row in kept] == [4096, 0]
     assert all(len(row.by_frames) == 100 for row in kept)
+
+
+def test_each_of_its_runs_has_a_process_of_its_own(command: Command, tmp_path: Path) -> None:
+    done = command("sweep", study(tmp_path, "hdm"))
+    assert done.code == 0 and done.out.startswith("small: 1 cells: 1 finished\n")
+    (run,) = Registry.open(tmp_path / "registry").runs()
+    assert (run.kind, run.method, run.status) == ("transfer", "hdm", "finished")
 
 
 @pytest.fixture

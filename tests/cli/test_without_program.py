@@ -1,10 +1,6 @@
 """A policy without a program, and the methods that learn such, through every command."""
 
-import json
-import os
 import shutil
-import subprocess
-import sys
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,7 +9,9 @@ import pytest
 import yaml
 from sqlalchemy import update
 
+import inline
 from paddlectl.cli.completion import ended_names, policy_names, source_names
+from paddlectl.experiments.jobs import TrainJob
 from paddlectl.methods.catalogue import ALONE, METHODS
 from paddlectl.registry.schema import policies
 from paddlectl.registry.store import Registry
@@ -24,15 +22,7 @@ from samples import BLOCKED_DOOR, ROOT, TARGET, Command, add_source, program
 def learned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A registry with what `train BoxDoor --method ppo` leaves."""
     place = tmp_path_factory.mktemp("learned") / "registry"
-    line = ["train", "BoxDoor", "--method", "ppo", "--frames", "2048", "--registry", str(place), "--json"]
-    told = subprocess.run(
-        [sys.executable, "-m", "paddlectl", *line],
-        env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
-        capture_output=True,
-        timeout=120,
-        check=True,
-    )
-    (row,) = json.loads(told.stdout)["runs"]
+    (row,) = inline.run_jobs([TrainJob("BoxDoor", 0, 2048, method="ppo")], str(place), lambda *_: None)
     assert (row["policy"], row["method"], row["frames"], row["crispness"]) == ("policy-1", "ppo", 2048, None)
     return place
 

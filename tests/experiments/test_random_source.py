@@ -19,9 +19,9 @@ COPIED = (
 
 
 @pytest.fixture
-def registry(trained, tmp_path, monkeypatch):
+def registry(sources, tmp_path, monkeypatch):
     """A copy of the tiny sources' registry."""
-    shutil.copytree(trained.registry.location, tmp_path / "registry")
+    shutil.copytree(sources, tmp_path / "registry")
     for module, name, value in SHORT:
         monkeypatch.setattr(module, name, value)
     return Registry.open(tmp_path / "registry")
@@ -54,8 +54,8 @@ def test_it_is_not_the_best_where_another_solves_more(registry):
     assert registry.policy("DoorBall") == learned
 
 
-def test_a_transfer_takes_it_as_a_source(registry, trained):
-    policies = (trained.rows[1]["policy"], random_source("DoorBall", 0, registry).id)
+def test_a_transfer_takes_it_as_a_source(registry):
+    policies = ("policy-2", random_source("DoorBall", 0, registry).id)
     row = run_transfer(job(policies, "default", frames=64 * 8), registry, lambda _: None)
     mapping = registry.files.read_document(row["run"], "mapping")
     assert mapping["sources"] == list(policies)

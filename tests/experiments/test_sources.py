@@ -227,9 +227,9 @@ def test_to_look_up_a_thousand_paired_seeds_costs_little(
 
 
 @pytest.fixture
-def twice(trained: Any, tmp_path: Path) -> Registry:
+def twice(sources: Path, tmp_path: Path) -> Registry:
     """Two sources of seed 0 and of seed 1, all hardly trained."""
-    shutil.copytree(trained.registry.location, tmp_path / "twice")
+    shutil.copytree(sources, tmp_path / "twice")
     registry = Registry.open(tmp_path / "twice")
     for policy in registry.policies()[::-1]:
         told = {k: v for k, v in dataclasses.asdict(policy).items() if k not in ("id", "created")}

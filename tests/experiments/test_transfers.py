@@ -48,10 +48,10 @@ class Transfers:
 
 
 @pytest.fixture(scope="module")
-def transfer(trained, tmp_path_factory):
+def transfer(sources, tmp_path_factory):
     location = tmp_path_factory.mktemp("transfers") / "registry"
-    shutil.copytree(trained.registry.location, location)
-    policies = tuple(trained.rows[index]["policy"] for index in (1, 0))
+    shutil.copytree(sources, location)
+    policies = ("policy-2", "policy-1")
     with pytest.MonkeyPatch.context() as patch:
         for module, name, value in SHORT:
             patch.setattr(module, name, value)

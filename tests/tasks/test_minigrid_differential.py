@@ -15,7 +15,7 @@ from paddlectl.tasks.minigrid.grid import WIDTH, Code, Held
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, draw_layouts
 from planner import shortest_plan
 
-EPISODES, PLANS = 400, 64
+EPISODES, PLANS = 150, 30
 _TILES = {("yellow", False): Code.YELLOW_TILE, ("yellow", True): Code.BLOCKAGE_PLACED}
 _TILES |= {("red", False): Code.RED_TILE, ("red", True): Code.BALL_PLACED}
 _CODES = {Wall: Code.WALL, Key: Code.KEY, Goal: Code.GOAL}
@@ -74,7 +74,7 @@ class Pair:
 
 
 def _episodes(task: str, rng: np.random.Generator) -> tuple[Layouts, np.ndarray]:
-    """Layouts, and actions over time and lanes. [320, 1000]"""
+    """Layouts, and actions over time and lanes. [320, EPISODES]"""
     spec = SPECS[task]
     drawn = draw_layouts(spec, rng, EPISODES)
     plans = [shortest_plan(spec, drawn, lane) for lane in range(PLANS)]

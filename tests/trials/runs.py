@@ -31,8 +31,11 @@ KINDS = (
 FRAMES, ROUNDS = 3072, 12
 FLAT = {"num_envs": 8}
 FEWER: dict[str, dict[str, Any]] = {
-    "hdqn": {"meta": {"capacity": 500, "warm_up": 50}},
-    "qmp": {"rollout_steps": 32, "learner": {"capacity": 2000, "warm_up": 50}},
+    "componet": {"learner": {"epochs": 1}},
+    "cup": {"learner": {"epochs": 1}, "critic_epochs": 1},
+    "hdqn": {"meta": {"capacity": 500, "warm_up": 50, "batch": 32}},
+    "ptf": {"learner": {"epochs": 1}},
+    "qmp": {"rollout_steps": 32, "learner": {"capacity": 2000, "warm_up": 50, "batch": 32}},
 }
 SOURCES = ("BlockedDoor", "GapBall")
 TIME = {"seconds", "created", "finished", "resumes"}
@@ -66,6 +69,16 @@ def small() -> Iterator[None]:
     with ExitStack() as patches:
         for module, name, value in SHORT:
             patches.enter_context(mock.patch.object(module, name, value))
+        yield
+
+
+@contextmanager
+def short_episodes() -> Iterator[None]:
+    """Of 64 steps in MiniGrid and 200 in the maze, in this process."""
+    with (
+        mock.patch("paddlectl.tasks.minigrid.engine.HORIZON", 64),
+        mock.patch("paddlectl.tasks.maze2d.engine.HORIZON", 200),
+    ):
         yield
 
 
