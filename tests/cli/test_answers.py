@@ -92,7 +92,7 @@ def test_one_weight_leaves_the_rest_to_the_other(registry: Registry, command: Co
 def test_tasks(command: Command) -> None:
     tasks = command("tasks", "--json").json["tasks"]
     assert len(tasks) == 10
-    columns = ["name", "domain", "horizon", "heads", "vocabulary", "summary", "presets"]
+    columns = ["name", "domain", "horizon", "heads", "vocabulary", "summary", "presets", "definition"]
     assert all(list(task) == columns for task in tasks)
     presets = {task["name"]: task["presets"] for task in tasks if task["presets"]}
     assert presets == {name: ["paper"] for name in ("CoffeeMaze", "MailMaze", "CoffeeMailMaze")}
@@ -144,7 +144,8 @@ def test_lists_show_the_newest_and_say_how_many_more_there_are(
 
 def test_show(registry: Registry, command: Command) -> None:
     found = command("show", "BlockedDoor", "--json").json
-    assert list(found) == ["policy", "task", "clauses", "minimised", "settings", "rules", "unusual"]
+    fields = ["policy", "task", "clauses", "minimised", "definition", "settings", "rules", "unusual"]
+    assert sorted(found) == sorted(fields)
     assert (found["policy"], found["task"]) == ("policy-1", "BlockedDoor")
     assert found["clauses"][0] == {
         "head": "gt_blockage()",
