@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from paddlectl.cli.options import AsJson, RegistryPlace, complete_transfers
+from paddlectl.cli.options import AsJson, RegistryPlace, TaskFiles, complete_transfers
 from paddlectl.errors import NotFoundError
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ def explain(
         str,
         typer.Argument(metavar="RUN", autocompletion=complete_transfers, help="A transfer's run; or latest."),
     ] = LATEST,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

@@ -3,7 +3,7 @@
 import sys
 from typing import TYPE_CHECKING
 
-from paddlectl.cli.options import AsJson
+from paddlectl.cli.options import AsJson, TaskFiles
 
 if TYPE_CHECKING:
     from paddlectl.errors import PaddlectlError
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 EXAMPLE = "Example: paddlectl tasks --json"
 
 
-def tasks(as_json: AsJson = False) -> None:
+def tasks(task_files: TaskFiles = None, as_json: AsJson = False) -> None:
     """List the tasks that can be trained on and transferred to."""
     from paddlectl.methods.catalogue import METHODS
     from paddlectl.report.output import print_json, print_text
