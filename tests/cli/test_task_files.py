@@ -70,7 +70,7 @@ def test_from_training_to_an_explained_transfer(file: Path) -> None:
     assert "go on with: paddlectl resume run-1 --tasks cab.py\n" in err
 
     told = done(folder, "resume run-1", 5)[1]
-    assert told == (
+    assert told.endswith(
         "error: run-1 was learned on Cab, which this version doesn't have\n"
         "use the version of paddlectl that learned it, install the plug-in, or add --tasks FILE.py\n"
     )

@@ -88,8 +88,8 @@ class GymnasiumTask:
         predicates: The body atoms, and whether each holds in a state.
         subgoals: The subgoals.
         success: Whether a state solves the task. That pays 1 - 0.9 t / horizon and ends the episode.
-        flat: The whole state as numbers, as many in every state: what a learner without subgoals sees. The
-            truth of the predicates, the milestones that were paid and the time left are added to them.
+        flat: The whole state as numbers, as many in every state of the domain's tasks: what a learner without
+            subgoals sees. The milestones that were paid and the time left are added to them.
         summary: One line for a reader.
         milestones: Subgoals that pay 0.1 once an episode.
         exclusions: Sets of literals that never hold together: `("has_key(agent)", "!is_seen(key)")`.
@@ -400,11 +400,13 @@ class GymnasiumEnvironment(Environment):
         return out
 
     def flat_state(self) -> Floats:
-        """`flat`, the valuation, the milestones that were paid, and the time left. [B, F]"""
+        """`flat`, which of the domain's subgoals were paid as milestones, and the time left. [B, F]"""
         with self._blamed("flat"):
             rows = np.stack([_numbers(self._task.flat(self._state(lane))) for lane in range(self.num_envs)])
+        paid = np.zeros((self.num_envs, len(self._subgoals)), np.bool_)
+        paid[:, [self._task._domain.index(text) for text in self._task.milestones]] = self._paid
         left = 1 - self.t[:, None] / self._task.horizon
-        return np.hstack([rows, self.valuation(), self._paid, left]).astype(np.float32)
+        return np.hstack([rows, paid, left]).astype(np.float32)
 
     def distance(self, subgoals: Ints) -> Floats:
         """As the subgoals tell it; 0 where they don't. [B]"""

@@ -17,11 +17,13 @@ from paddlectl.registry.names import is_id
 from paddlectl.tasks.base import Task
 from paddlectl.tasks.maze2d import layouts as maze2d
 from paddlectl.tasks.minigrid import layouts as minigrid
+from paddlectl.tasks.stock import families as stock
 
 # name -> "module:attribute" of a function that makes the task of that name
 TASKS: dict[str, str] = {
     **{name: "paddlectl.tasks.minigrid.engine:make_task" for name in minigrid.SPECS},
     **{name: "paddlectl.tasks.maze2d.engine:make_task" for name in maze2d.SPECS},
+    **{name: "paddlectl.tasks.stock.tasks:make_task" for name in stock.FAMILIES},
 }
 PLUGINS = Plugins("task", TASKS, lambda name: re.fullmatch(TASK, name) and not is_id(name))
 
