@@ -17,7 +17,8 @@ from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.runner import INEXACT, train_source
 from paddlectl.registry.store import Registry
 from paddlectl.tasks import suite
-from paddlectl.tasks.gymnasium import GymnasiumEnvironment, GymnasiumTask, Subgoal
+from paddlectl.tasks.gymnasium import GymnasiumTask, Subgoal
+from paddlectl.tasks.lanes import GymnasiumEnvironment
 from paddlectl.tasks.split import belongs
 from trials.runs import StopAfter, ended, quiet, small
 

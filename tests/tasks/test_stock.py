@@ -13,8 +13,9 @@ from paddlectl.logic.atoms import Literal
 from paddlectl.logic.templates import scenes
 from paddlectl.tasks import suite
 from paddlectl.tasks.stock.families import FAMILIES
-from paddlectl.tasks.stock.tasks import SUBGOALS, View, Watched
-from paddlectl.tasks.stock.ways import NOWHERE
+from paddlectl.tasks.stock.tasks import SUBGOALS
+from paddlectl.tasks.stock.watched import Watched
+from paddlectl.tasks.stock.ways import NOWHERE, View
 
 LEFT, RIGHT, FORWARD, PICK_UP, DROP, TOGGLE = range(6)
 EACH = pytest.mark.parametrize("name", FAMILIES)

@@ -16,75 +16,23 @@ what solves the task.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
-import gymnasium
-import minigrid  # noqa: F401  # registers its environments
 import numpy as np
 
+from paddlectl.plugins import attribute
 from paddlectl.tasks.base import Floats, Task
 from paddlectl.tasks.gymnasium import GymnasiumTask, Subgoal
 from paddlectl.tasks.stock.families import FAMILIES
-from paddlectl.tasks.stock.ways import NOWHERE, REACH, Facts, Map
+from paddlectl.tasks.stock.ways import NOWHERE, REACH, Facts, View
 
 DOMAIN = "minigrid-stock"
 _SIDE = 2 * REACH + 1
 _FORWARD = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by MiniGrid's direction: right, down, left, up
-_PICK_UP = 3  # the first action that may change the grid
 
 
-class View(NamedTuple):
-    """A state as all functions of a task are given it.
-
-    Attributes:
-        map: The grid.
-        agent: The agent's cell.
-        facing: Its direction.
-    """
-
-    map: Map
-    agent: int
-    facing: int
-
-    @property
-    def facts(self) -> Facts:
-        return self.map.facts(self.agent)
-
-
-class Watched(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """MiniGrid without its own view, which takes most of its time; its grid is read when it has changed."""
-
-    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
-        super().__init__(env)
-        self._inner: Any = env.unwrapped
-        self._map: Map | None = None
-        nothing = {"image": None, "direction": 0, "mission": ""}
-        setattr(self._inner, "gen_obs", lambda: nothing)  # noqa: B010
-
-    def reset(self, **given: Any) -> Any:
-        self._map = None
-        return self.env.reset(**given)
-
-    def step(self, action: Any) -> Any:
-        if action < _PICK_UP:
-            return self.env.step(action)
-        before = self._front()
-        stepped = self.env.step(action)
-        if self._front() != before:
-            self._map = None
-        return stepped
-
-    def _front(self) -> tuple[Any, ...]:
-        """What an action may change."""
-        cell = self._inner.grid.get(*self._inner.front_pos)
-        return id(cell), getattr(cell, "is_open", None), id(self._inner.carrying)
-
-    def view(self) -> View:
-        """The present state."""
-        if self._map is None:
-            self._map = Map(self._inner)
-        x, y = self._inner.agent_pos
-        return View(self._map, int(y) * self._map.width + int(x), int(self._inner.agent_dir))
+def _watched(env: Any) -> Any:
+    return attribute("paddlectl.tasks.stock.watched:Watched")(env)
 
 
 def _view(env: Any) -> View:
@@ -210,7 +158,7 @@ def make_task(name: str) -> Task:
     """The task of that id."""
     family, horizon = FAMILIES[name]
     declared = GymnasiumTask(
-        env=name,
+        env=f"minigrid:{name}",
         domain=DOMAIN,
         summary=f"{family.summary} MiniGrid's own.",
         horizon=horizon,
@@ -220,7 +168,7 @@ def make_task(name: str) -> Task:
         domain_subgoals=tuple(SUBGOALS),
         success=_solved,
         flat=_flat,
-        wrap=Watched,
+        wrap=_watched,
         state=_view,
     )
     return declared(name)

@@ -185,3 +185,21 @@ class Map:
     def _nearest_box(self, agent: int) -> int:
         boxes = [cell for cell in range(len(self.cells)) if self._is(cell, "box") and cell != self._target]
         return min(boxes, key=lambda cell: self._way_to(cell)[0][agent], default=NOWHERE)
+
+
+class View(NamedTuple):
+    """A state as all functions of a task are given it.
+
+    Attributes:
+        map: The grid.
+        agent: The agent's cell.
+        facing: Its direction.
+    """
+
+    map: Map
+    agent: int
+    facing: int
+
+    @property
+    def facts(self) -> Facts:
+        return self.map.facts(self.agent)
