@@ -10,16 +10,20 @@ import gymnasium
 import numpy as np
 import pytest
 
+from contract import few
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.runner import INEXACT, train_source
+from paddlectl.hybrid.rollout import Outcome
+from paddlectl.methods.base import Setup, method_of
 from paddlectl.registry.store import Registry
 from paddlectl.tasks import suite
 from paddlectl.tasks.gymnasium import GymnasiumTask, Subgoal
 from paddlectl.tasks.lanes import GymnasiumEnvironment
 from paddlectl.tasks.split import belongs
+from scripted import learning
 from trials.runs import StopAfter, ended, quiet, small
 
 LANES = 6
@@ -142,6 +146,23 @@ def test_what_it_pays_and_shows() -> None:
     assert not (after.terminated | after.truncated)[0] and after.reward[0] == 0
     batch.reset(np.array([True, False]))
     assert batch.t.tolist() == [0, 7] and batch.valuation()[0].tolist() == [False, True]
+
+
+def test_to_fall_through_the_ice_ends_a_decision_for_good_and_solves_nothing() -> None:
+    task = replace(LAKE, milestones=())("Lake")
+    method = method_of("hdm")
+    made = learning(method, Setup(task, few(method.settings_for(task, None)), 0, 10**6))
+    told: list[Outcome] = []
+    made.agent.rollout._listeners.append(
+        type("Ear", (), {"on_decision_end": lambda _, each: told.append(each)})()
+    )
+    for _ in range(40):
+        next(made)
+    terminated, solved, rewards = (
+        np.concatenate([getattr(each, name) for each in told]) for name in ("terminated", "solved", "rewards")
+    )
+    assert (terminated & ~solved).any()
+    np.testing.assert_array_equal(solved, rewards > 0)
 
 
 @pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
