@@ -148,14 +148,14 @@ def test_what_it_pays_and_shows() -> None:
     assert batch.t.tolist() == [0, 7] and batch.valuation()[0].tolist() == [False, True]
 
 
-def test_to_fall_through_the_ice_ends_a_decision_for_good_and_solves_nothing() -> None:
+def test_to_fall_through_the_ice_ends_a_decision_for_good_and_solves_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     task = replace(LAKE, milestones=())("Lake")
     method = method_of("hdm")
     made = learning(method, Setup(task, few(method.settings_for(task, None)), 0, 10**6))
     told: list[Outcome] = []
-    made.agent.rollout._listeners.append(
-        type("Ear", (), {"on_decision_end": lambda _, each: told.append(each)})()
-    )
+    monkeypatch.setattr(made.agent.credit, "on_decision_end", told.append)
     for _ in range(40):
         next(made)
     terminated, solved, rewards = (

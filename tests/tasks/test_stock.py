@@ -1,6 +1,7 @@
 """MiniGrid's own environments: stepped as they are, and told in facts by which a plain plan solves them."""
 
 import copy
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -8,14 +9,17 @@ import minigrid  # noqa: F401
 import numpy as np
 import pytest
 
+from contract import CHECKS
 from paddlectl.hybrid.settings import settings_for
 from paddlectl.logic.atoms import Literal
 from paddlectl.logic.templates import scenes
+from paddlectl.scenario import load_scenario
 from paddlectl.tasks import suite
 from paddlectl.tasks.stock.families import FAMILIES
 from paddlectl.tasks.stock.tasks import SUBGOALS
 from paddlectl.tasks.stock.watched import Watched
 from paddlectl.tasks.stock.ways import NOWHERE, View
+from samples import ROOT
 
 LEFT, RIGHT, FORWARD, PICK_UP, DROP, TOGGLE = range(6)
 EACH = pytest.mark.parametrize("name", FAMILIES)
@@ -152,6 +156,20 @@ def test_it_goes_on_from_what_was_kept(name: str) -> None:
         np.testing.assert_array_equal(one.flat_state(), other.flat_state())
         for batch in (one, other):
             batch.reset(batch._finished.copy())
+
+
+@pytest.mark.parametrize("method", ["paddle", "ppo"])
+def test_methods_keep_their_promises_on_it(method: str) -> None:
+    for check in CHECKS:
+        check(method, "stock")
+
+
+@pytest.mark.parametrize(
+    "path", [*(ROOT / "scenarios" / "minigrid").glob("*.yaml")], ids=lambda path: path.stem
+)
+def test_its_scenarios_can_be_run(path: Path) -> None:
+    scenario = load_scenario(path)
+    assert {scenario.target, *scenario.source_names} <= FAMILIES.keys() and len(scenario.seeds) == 3
 
 
 def test_all_tasks_share_what_a_domain_shares() -> None:
