@@ -84,7 +84,7 @@ class Policy:
         inner = env.unwrapped
         if not isinstance(inner, TaskEnv):
             made = f'gymnasium.make("paddlectl.tasks.registration:{environment_id(self.task)}")'
-            way = f"try {made}" if self.task in ENTRY_POINTS else f"run: paddlectl evaluate {self.id}"
+            way = f"try {made}" if self.task in ENTRY_POINTS else f"{self.task} has none; evaluate plays it"
             raise UsageError(f"{type(inner).__name__} is no environment of a task of paddlectl", way)
         if not inner.episode:
             raise UsageError("the environment has no episode yet", "call its reset() first")
