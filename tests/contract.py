@@ -27,10 +27,11 @@ from paddlectl.scenario import Scenario, TaskSources
 from paddlectl.tasks.suite import load
 from scripted import learning
 
-# target and sources, by kind of actions
+# target and sources, by kind of actions; and MiniGrid's own
 TASKS = {
     "discrete": ("BlockedBoxUnlockPickup", ("BlockedDoor", "GapBall")),
     "continuous": ("CoffeeMailMaze", ("CoffeeMaze", "MailMaze")),
+    "stock": ("MiniGrid-ObstructedMaze-1Dlh-v0", ("MiniGrid-UnlockPickup-v0", "MiniGrid-DoorKey-5x5-v0")),
 }
 ROUNDS = 3
 FEW = {

@@ -174,6 +174,7 @@ def outcome(scene_state, subgoal, reward=0.0, following=None, reached=False, lan
         "reached": reached,
         "cut": False,
         "terminated": following is None,
+        "solved": following is None,
         "truncated": truncated,
         "next_scene_states": 0 if following is None else following * PROGRESS,
     }

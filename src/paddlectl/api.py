@@ -80,13 +80,13 @@ class Policy:
             IntegrityError: If it is one of another domain.
         """
         from paddlectl.tasks.environment import TaskEnv
+        from paddlectl.tasks.registration import ENTRY_POINTS, environment_id
 
         inner = env.unwrapped
         if not isinstance(inner, TaskEnv):
-            made = f'gymnasium.make("paddlectl.tasks.registration:paddle/{self.task}-v0")'
-            raise UsageError(
-                f"{type(inner).__name__} is no environment of a task of paddlectl", f"try {made}"
-            )
+            made = f'gymnasium.make("paddlectl.tasks.registration:{environment_id(self.task)}")'
+            way = f"try {made}" if self.task in ENTRY_POINTS else f"{self.task} has none; evaluate plays it"
+            raise UsageError(f"{type(inner).__name__} is no environment of a task of paddlectl", way)
         if not inner.episode:
             raise UsageError("the environment has no episode yet", "call its reset() first")
         playing = self._playing.get(inner)

@@ -2,24 +2,32 @@
 
 A name that is built in wins. What a plug-in does wrong while it is loaded is told as its fault, and stops
 only who uses it.
+
+Tasks come from files, too, that were given on the command line: `load_file` runs one.
 """
 
+import hashlib
+import re
 import sys
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from functools import cache
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from paddlectl.errors import PaddlectlError
+from paddlectl.errors import InvalidFileError, PaddlectlError
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 packages = {"paddlectl"}
 """The top-level packages whose tasks and methods are in use in this process."""
+
+_files: dict[Path, str] = {}
+"""The files that were loaded, and the SHA-256 of each."""
 
 
 class Plugins:
@@ -35,14 +43,30 @@ class Plugins:
         self._kind = kind
         self._built_in = built_in
         self._fits = fits
+        self._of_files: dict[str, tuple[Path, Any]] = {}
 
     def names(self) -> tuple[str, ...]:
         """All names that can be used, sorted; nothing is imported."""
-        names = {point.name for point in _points(self._kind)}
+        names = {point.name for point in _points(self._kind)} | self._of_files.keys()
         return tuple(sorted(name for name in names if name not in self._built_in and self._fits(name)))
 
     def __contains__(self, name: str) -> bool:
-        return name not in self._built_in and any(point.name == name for point in _points(self._kind))
+        if name in self._built_in:
+            return False
+        return name in self._of_files or any(point.name == name for point in _points(self._kind))
+
+    def add(self, file: Path, found: Mapping[str, Any]) -> None:
+        """Takes in what a file has, by name.
+
+        Raises:
+            InvalidFileError: If a name can't be stored, or is another's.
+        """
+        for name in found:
+            if not isinstance(name, str) or not self._fits(name):
+                raise InvalidFileError(f"{file}: no {self._kind} can have the name {name!r}", "rename it")
+            if name in self._built_in or (name in self and self._of_files.get(name, (None,))[0] != file):
+                raise InvalidFileError(f"{file}: there is another {self._kind} {name}", "rename it")
+        self._of_files.update({name: (file, each) for name, each in found.items()})
 
     @contextmanager
     def using(self, name: str) -> Iterator[Any]:
@@ -53,6 +77,10 @@ class Plugins:
         Raises:
             PaddlectlError: If it can't be imported, or something fails within.
         """
+        if name in self._of_files:
+            with self._using_file(name) as found:
+                yield found
+            return
         points = [point for point in _points(self._kind) if point.name == name]
         try:
             with redirect_stdout(sys.stderr):
@@ -61,8 +89,19 @@ class Plugins:
         except (Exception, SystemExit) as error:
             owners = " and ".join(sorted(f"{point.dist.name}" for point in points if point.dist))
             raise PaddlectlError(
-                f"{self._kind} {name} of {owners} ({points[0].value}) can't be used: {_told(error)}",
+                f"{self._kind} {name} of {owners} ({points[0].value}) can't be used: {told(error)}",
                 f"mend or uninstall {owners}",
+            ) from error
+
+    @contextmanager
+    def _using_file(self, name: str) -> Iterator[Any]:
+        file, found = self._of_files[name]
+        try:
+            with redirect_stdout(sys.stderr):
+                yield found
+        except (Exception, SystemExit) as error:
+            raise PaddlectlError(
+                f"{self._kind} {name} of {file} can't be used: {told(error)}", f"mend {file}"
             ) from error
 
     def _require_fit(self, name: str, count: int) -> None:
@@ -80,6 +119,36 @@ def attribute(where: str) -> Any:
     return found
 
 
+def load_file(file: Path, name: str) -> Mapping[str, Any]:
+    """Runs a Python file, and gives what it has as `name`: a dict by names. What it prints goes to stderr.
+
+    Raises:
+        InvalidFileError: If it fails, or has no such dict; or if another of that name was loaded before.
+    """
+    module = re.sub(r"\W", "_", f"file_{file.stem}")
+    spec = spec_from_file_location(module, file)
+    if spec is None or spec.loader is None:
+        raise InvalidFileError(f"{file}: it's no Python file", "give it a name that ends in .py")
+    if any(other != file and other.stem == file.stem for other in _files):
+        raise InvalidFileError(f"{file}: another file of that name was loaded", "rename it")
+    try:
+        _files[file] = hashlib.sha256(file.read_bytes()).hexdigest()
+        sys.modules[module] = loaded = module_from_spec(spec)
+        with redirect_stdout(sys.stderr):
+            spec.loader.exec_module(loaded)
+            found = getattr(loaded, name)
+            require_kind(found, Mapping)
+    except (Exception, SystemExit) as error:
+        raise InvalidFileError(f"{file}: it can't be loaded: {told(error)}", f"mend {file.name}") from error
+    packages.add(module)
+    return dict(found)
+
+
+def files() -> tuple[Path, ...]:
+    """Those that were loaded."""
+    return tuple(_files)
+
+
 def require_kind(found: Any, kind: type) -> None:
     """Refuses what isn't of that kind.
 
@@ -91,9 +160,10 @@ def require_kind(found: Any, kind: type) -> None:
 
 
 def versions() -> dict[str, str]:
-    """Of all distributions that add something, by their names."""
+    """Of all distributions that add something, by their names; of files, the beginning of their SHA-256."""
     points = [*_points("task"), *_points("method")]
-    return {f"{point.dist.name}": f"{point.dist.version}" for point in points if point.dist}
+    installed = {f"{point.dist.name}": f"{point.dist.version}" for point in points if point.dist}
+    return installed | {file.name: digest[:12] for file, digest in _files.items()}
 
 
 def _points(kind: str) -> "list[EntryPoint]":
@@ -114,8 +184,11 @@ def _points_on(group: str, path: tuple[str, ...]) -> "list[EntryPoint]":
     return list(found.values())
 
 
-def _told(error: BaseException) -> str:
-    """An error in a line, with the place outside the package where it was raised, if it was."""
+def told(error: BaseException) -> str:
+    """An error in a line, with the place outside the package where it was raised, if it was.
+
+    Where a file that was loaded calls others, the place is the one in that file.
+    """
     import traceback
 
     ours = Path(__file__).parent
@@ -124,5 +197,6 @@ def _told(error: BaseException) -> str:
         for frame in traceback.extract_tb(error.__traceback__)
         if not frame.filename.startswith("<") and ours not in Path(frame.filename).parents
     ]
+    frames = [frame for frame in frames if Path(frame.filename) in _files] or frames
     place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
     return f"{type(error).__name__}: {error}"[:200] + place

@@ -257,7 +257,7 @@ def test_what_a_plug_in_left_can_be_kept_without_it(
     assert (told.code, told.err) == (
         5,
         "error: policy-1 was learned on CoinCorridor, which this version doesn't have\n"
-        "use the version of paddlectl that learned it, or install the plug-in\n",
+        "use the version of paddlectl that learned it, install the plug-in, or add --tasks FILE.py\n",
     )
     with pytest.raises(IntegrityError, match="run-2 was learned on CoinCorridor, which"):
         job_of(left_behind.run("run-2"))

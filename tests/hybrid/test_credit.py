@@ -51,6 +51,7 @@ class Learning:
                 reached,
                 False,
                 done,
+                done,
                 False,
                 following,
             )

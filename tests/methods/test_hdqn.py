@@ -48,6 +48,7 @@ def test_a_batch_of_three_lanes_of_four(monkeypatch):
             reached=np.array([False, True, False]),
             cut=np.array([False, False, True]),
             terminated=np.array([False, True, False]),
+            solved=np.array([False, True, False]),
             truncated=np.array([False, False, True]),
             next_scene_states=np.full(3, PROGRESS),
         )

@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from paddlectl.tasks import suite
+from paddlectl.tasks import registration, suite
 from paddlectl.tasks.maze2d.layouts import draw_starts, starts_of
 from paddlectl.tasks.minigrid.grid import ABSENT, WIDTH, Thing
 from paddlectl.tasks.minigrid.layouts import SPECS, Layouts, draw_layouts
@@ -24,7 +24,7 @@ def values(task: str, split: str, seed: int, episodes: int) -> set[bytes]:
     return seen
 
 
-@pytest.mark.parametrize("task", suite.names())
+@pytest.mark.parametrize("task", registration.ENTRY_POINTS)
 def test_no_training_draws_an_evaluation_layout(task: str) -> None:
     evaluated = set().union(*(values(task, "evaluation", seed, 1000) for seed in (12345, 7)))
     trained = set().union(*(values(task, "training", seed, 5000) for seed in (0, 7, 12345)))
@@ -33,7 +33,7 @@ def test_no_training_draws_an_evaluation_layout(task: str) -> None:
 
 
 @pytest.mark.parametrize("split", ["training", "evaluation"])
-@pytest.mark.parametrize("task", suite.names())
+@pytest.mark.parametrize("task", registration.ENTRY_POINTS)
 def test_all_that_is_drawn_is_of_the_split_by_an_engine_and_by_gymnasiums_environment(
     task: str, split: str
 ) -> None:

@@ -197,7 +197,7 @@ def test_a_decision_that_the_horizon_cut_off_costs_nothing_and_counts_as_no_miss
         selector = one_of_each(mode, target(), sources(WALK), readings=PaperSettings(failure_cost=0.1))
         _, subgoal = decide(selector, FAR_SCENE)
         ended = dict(lanes=0, scene_states=FAR_SCENE * PROGRESS, subgoals=subgoal, guides=1, steps=3)
-        ended |= dict(rewards=0.0, reached=False, cut=True, terminated=False, truncated=True)
+        ended |= dict(rewards=0.0, reached=False, cut=True, terminated=False, solved=False, truncated=True)
         columns = {name: np.array([value]) for name, value in ended.items()}
         selector.on_decision_end(Outcome(**columns, next_scene_states=np.array([FAR_SCENE * PROGRESS])))
         assert len(selector.traces) == 1

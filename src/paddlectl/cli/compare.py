@@ -13,6 +13,7 @@ from paddlectl.cli.options import (
     ManySeeds,
     RegistryPlace,
     StudyFrames,
+    TaskFiles,
     chosen_seeds,
     complete_compared,
     complete_figures,
@@ -107,6 +108,7 @@ def compare(
     of: Chosen = None,
     seeds: ManySeeds = None,
     frames: StudyFrames = None,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

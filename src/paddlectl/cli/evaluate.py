@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from paddlectl.cli.options import AsJson, PolicyName, RegistryPlace, complete_tasks, whole_number
+from paddlectl.cli.options import AsJson, PolicyName, RegistryPlace, TaskFiles, complete_tasks, whole_number
 from paddlectl.registry.fields import SEEDS
 
 EXAMPLE = "Example: paddlectl evaluate BoxDoor --episodes 200 --json"
@@ -27,6 +27,7 @@ def evaluate(
     seed: Annotated[
         int, typer.Option(parser=whole_number(0, SEEDS - 1), metavar="N", help="Decides the layouts.")
     ] = 12345,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from paddlectl.cli.options import AsJson, RegistryPlace, complete_transfers, file_at
+from paddlectl.cli.options import AsJson, RegistryPlace, TaskFiles, complete_transfers, file_at
 from paddlectl.errors import NotFoundError, UsageError
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def explain(
             show_default=False,
         ),
     ] = None,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import re
+import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from paddlectl.errors import UsageError
+from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry.fields import MOST_FRAMES, SEEDS
 
 REGISTRY = "PADDLECTL_REGISTRY"
@@ -102,6 +103,19 @@ def one_method_of(names: Iterable[str]) -> Callable[[str], list[str]]:
     return complete
 
 
+def run_task_files(context: typer.Context, files: list[Path] | None) -> list[Path] | None:
+    """Runs the files of `--tasks` and takes in their tasks; says so in a line."""
+    if files and not context.resilient_parsing:
+        from paddlectl.tasks.suite import add_file
+
+        for file in dict.fromkeys(file.resolve() for file in files):
+            if not file.is_file():
+                raise NotFoundError(f"no file {file}", "name a Python file")
+            print(f"note: the code of {file} is run, for its tasks", file=sys.stderr)
+            add_file(file)
+    return files
+
+
 def whole_number(low: int, high: int) -> Callable[[object], int]:
     """A parser of whole numbers within [low, high]: `400000`, `4e5` or `400000.0`."""
 
@@ -173,6 +187,18 @@ RegistryPlace = Annotated[
         parser=place,
         metavar="FOLDER",
         help="Where policies and runs are kept.",
+    ),
+]
+TaskFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--tasks",
+        parser=file_at,
+        is_eager=True,
+        callback=run_task_files,
+        metavar="FILE.py",
+        help="Tasks of your own, by name in its TASKS. Its code is run! Repeat for more.",
+        show_default=False,
     ),
 ]
 EveryRow = Annotated[bool, typer.Option("--all", help="All of them.")]

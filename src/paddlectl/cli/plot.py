@@ -12,6 +12,7 @@ from paddlectl.cli.options import (
     ManySeeds,
     RegistryPlace,
     StudyFrames,
+    TaskFiles,
     at_home,
     chosen_seeds,
     complete_plotted,
@@ -46,6 +47,7 @@ def plot(
     ] = "frames",
     seeds: ManySeeds = None,
     frames: StudyFrames = None,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

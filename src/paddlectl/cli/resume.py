@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from paddlectl.cli.options import AsJson, CheckpointEvery, Jobs, RegistryPlace, complete_stopped
+from paddlectl.cli.options import AsJson, CheckpointEvery, Jobs, RegistryPlace, TaskFiles, complete_stopped
 from paddlectl.errors import PaddlectlError, UsageError
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ def resume(
     every_stopped: Annotated[bool, typer.Option("--all", help="All that were stopped.")] = False,
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

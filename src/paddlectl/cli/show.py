@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from paddlectl.cli.options import AsJson, RegistryPlace, complete_held
+from paddlectl.cli.options import AsJson, RegistryPlace, TaskFiles, complete_held
 
 EXAMPLE = "Example: paddlectl show GapBall"
 
@@ -19,6 +19,7 @@ def show(
             show_default=False,
         ),
     ],
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

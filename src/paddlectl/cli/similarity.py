@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from paddlectl.cli.options import AsJson, RegistryPlace, complete_sources, complete_tasks
+from paddlectl.cli.options import AsJson, RegistryPlace, TaskFiles, complete_sources, complete_tasks
 from paddlectl.errors import NotFoundError, UsageError
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ def similarity(
     head_weight: Annotated[
         float | None, typer.Option(metavar="SHARE", help="Share of the heads in ψ (0.2).", show_default=False)
     ] = None,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

@@ -16,6 +16,7 @@ from paddlectl.cli.options import (
     ManySeeds,
     RegistryPlace,
     StudyFrames,
+    TaskFiles,
     chosen_seeds,
     complete_scenarios,
     file_at,
@@ -71,6 +72,7 @@ def sweep(
     results: ResultsFile = None,
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from paddlectl.cli.options import AsJson, complete_tasks
+from paddlectl.cli.options import AsJson, TaskFiles, complete_tasks
 
 if TYPE_CHECKING:
     from paddlectl.errors import PaddlectlError
@@ -24,6 +24,7 @@ def tasks(
             show_default=False,
         ),
     ] = None,
+    task_files: TaskFiles = None,
     as_json: AsJson = False,
 ) -> None:
     """List the tasks that can be trained on and transferred to."""

@@ -12,33 +12,38 @@ _KEY = re.compile(r"((?:password|passwd|pwd)=)[^\s&\"']+", re.IGNORECASE)
 
 
 _COMMAND = re.compile(
-    r"paddlectl (?:compare|evaluate|explain|export|plot|policies|registry|resume|runs|show"
+    r"paddlectl (compare|evaluate|explain|export|plot|policies|registry|resume|runs|show"
     r"|similarity|sweep|train|transfer)\b"
     r"(?: [^\s,;()]+(?:,[^\s,;()]+)*)*"
 )
+_WITHOUT_TASKS = {"export", "policies", "registry", "runs"}
 
 
 def here(text: str) -> str:
-    """The text with the `--registry` of this command line at the commands in it, to be typed as they are.
+    """The text with what this command line has of `--registry` and `--tasks` at the commands in it.
 
-    A password in it isn't told again.
+    So they can be typed as they are. A password in it isn't told again.
     """
-    place = without_secrets(_registry())
+    files = "".join(f" --tasks {shlex.quote(file)}" for file in _given("--tasks"))
+    place = "".join(f" --registry {shlex.quote(without_secrets(each))}" for each in _given("--registry")[-1:])
 
     def placed(found: re.Match[str]) -> str:
-        return found[0] if "--help" in found[0] else f"{found[0]} --registry {shlex.quote(place)}"
+        if "--help" in found[0]:
+            return found[0]
+        return f"{found[0]}{'' if found[1] in _WITHOUT_TASKS else files}{place}"
 
-    return _COMMAND.sub(placed, text) if place else text
+    return _COMMAND.sub(placed, text)
 
 
-def _registry() -> str:
-    given = ""
+def _given(option: str) -> list[str]:
+    """What this command line has of an option."""
+    given = []
     for word, after in zip(sys.argv, [*sys.argv[1:], ""], strict=True):
-        if word == "--registry":
-            given = after
-        elif word.startswith("--registry="):
-            given = word.partition("=")[2]
-    return given
+        if word == option:
+            given.append(after)
+        elif word.startswith(f"{option}="):
+            given.append(word.partition("=")[2])
+    return list(filter(None, given))
 
 
 def without_secrets(text: str) -> str:

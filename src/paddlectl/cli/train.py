@@ -13,6 +13,7 @@ from paddlectl.cli.options import (
     ManySeeds,
     OneSeed,
     RegistryPlace,
+    TaskFiles,
     chosen_seeds,
     complete_tasks,
     one_method_of,
@@ -65,6 +66,7 @@ def train(
     changed: Changed = None,
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

@@ -15,6 +15,7 @@ from paddlectl.cli.options import (
     ManySeeds,
     OneSeed,
     RegistryPlace,
+    TaskFiles,
     chosen_seeds,
     complete_scenarios,
     file_at,
@@ -78,6 +79,7 @@ def transfer(
     ] = False,
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

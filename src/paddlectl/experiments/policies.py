@@ -129,7 +129,7 @@ def task_of(record: PolicyRecord | RunRecord) -> AnyTask:
 def _lacking(record: PolicyRecord | RunRecord, what: str) -> IntegrityError:
     return IntegrityError(
         f"{record.id} was learned {what}, which this version doesn't have",
-        "use the version of paddlectl that learned it, or install the plug-in",
+        "use the version of paddlectl that learned it, install the plug-in, or add --tasks FILE.py",
     )
 
 

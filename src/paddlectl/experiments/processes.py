@@ -12,8 +12,10 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext
+from pathlib import Path
 from typing import Any
 
+from paddlectl import plugins
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.cores import permitted
 from paddlectl.experiments.jobs import (
@@ -29,6 +31,7 @@ from paddlectl.experiments.jobs import (
     TransferJob,
 )
 from paddlectl.experiments.stop import Stop
+from paddlectl.tasks import suite
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE = 10.0  # seconds that a stopped process may take to mark its run
@@ -120,7 +123,7 @@ class _Worker:
         self.events, theirs = context.Pipe(duplex=False)
         self._registry = registry
         self._run: str | None = None
-        self._process = context.Process(target=_work, args=(job, registry, theirs, every))
+        self._process = context.Process(target=_work, args=(job, registry, theirs, every, plugins.files()))
         self._process.start()
         theirs.close()
 
@@ -205,12 +208,14 @@ class _Line:
             self.send(event)
 
 
-def _work(job: Job, registry: str, events: Connection, every: float | None) -> None:
+def _work(job: Job, registry: str, events: Connection, every: float | None, files: Sequence[Path]) -> None:
     stop = Stop()
     signal.signal(signal.SIGTERM, stop)
     line = _Line(events)
     try:
         with redirect_stdout(sys.stderr):  # stdout is the answer's
+            for file in files:
+                suite.add_file(file)
             line.send(_done(job, registry, line, stop, every))
     except PaddlectlError as error:
         line.send(error)

@@ -22,6 +22,10 @@ from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import AnyTask, load
 
 Report = Callable[[Progress], None]
+INEXACT = (
+    "its environment isn't the same again by its seed and actions; "
+    "a run that is stopped goes on from the beginnings of its last episodes"
+)
 
 
 def train_source(
@@ -194,6 +198,8 @@ def _learned(
     _keep_documents(registry, run, agent.documents())
     checkpointer.tell_of_rounds(setup.frames, learning.round)
     with checkpointer.rounds(registry, log, {"learning": learning}) as after_round:
+        if not getattr(environment, "exact", True):
+            checkpointer.tell(f"{setup.task.name}: {INEXACT}")
         for round_ in learning:
             log.add(round_)
             _keep_rows(registry, run, agent.record(round_.frames, round_.episodes, log.curve.known))

@@ -59,7 +59,8 @@ class Outcome(NamedTuple):
         rewards: Extrinsic reward within the decision.
         cut: It ended for no other reason than the horizon: whether it would have reached its subgoal isn't
             known.
-        terminated: The task was solved with it: nothing is to come.
+        terminated: The episode came to its end with it: nothing is to come.
+        solved: And the task was solved.
         truncated: The episode ended unsolved with it, at the horizon.
         next_scene_states: Where it led.
     """
@@ -73,6 +74,7 @@ class Outcome(NamedTuple):
     reached: Bools
     cut: Bools
     terminated: Bools
+    solved: Bools
     truncated: Bools
     next_scene_states: Ints
 
@@ -253,6 +255,7 @@ class Rollout:
             reached[lanes],
             cut[lanes],
             step.terminated[lanes],
+            step.score[lanes] > 0,
             step.truncated[lanes],
             next_scenes[lanes] * PROGRESS + self._progress[lanes],
         )

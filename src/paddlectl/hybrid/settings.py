@@ -65,6 +65,7 @@ DEVIATIONS: Mapping[str, tuple[Any, Any]] = {
 
 USUAL: Mapping[str, HybridSettings] = {
     "minigrid": HybridSettings(decisions=DecisionSettings(max_steps=25, patience=0.6, shaping=0.05)),
+    "minigrid-stock": HybridSettings(decisions=DecisionSettings(max_steps=40, patience=0.6, shaping=0.05)),
     "maze2d": HybridSettings(
         num_envs=32,
         rollout_steps=8,

@@ -27,7 +27,7 @@ class RolloutBuffer:
         ends: The decision ended with this step. [T, B]
         reached: The decision ended with this step by reaching its subgoal. [T, B]
         cut: The decision ended with this step for no other reason than the horizon. [T, B]
-        terminated: The task was solved with this step. [T, B]
+        terminated: The episode came to its end with this step. [T, B]
         truncated: The episode ended unsolved with this step, at the horizon. [T, B]
         guides: Who acted: TARGET or a source's number. [T, B]
         final_observations: Where a decision ended with this step: what followed it, under the same decision

@@ -95,7 +95,7 @@ class Step(NamedTuple):
     Attributes:
         reward: Extrinsic reward, milestones included. [B]
         score: The final reward alone: > 0 in the step that solves the task, else 0. [B]
-        terminated: The task was solved in this step. [B]
+        terminated: The episode came to its end in this step: the task was solved, or can't be any more. [B]
         truncated: The horizon was reached unsolved. [B]
     """
 
@@ -118,6 +118,8 @@ class Environment(Protocol):
     """B lanes of one task, stepped together. A finished lane stays as it is until `reset`.
 
     Subgoals are given as indices into `Task.domain_subgoals`, one a lane. [B]
+
+    One that can't be put back where it was, for a stopped run to go on, has `exact`, which is False.
 
     Attributes:
         num_envs: B.

@@ -1,22 +1,25 @@
 """All tasks by name. Nothing but names is here, so looking for one imports no environment.
 
 Those of other distributions are the entry points of the group `paddlectl.tasks`: `Name = module:function`,
-of a function that is given the name and makes the task.
+of a function that is given the name and makes the task. A file of the user's own has such functions by name
+in `TASKS`.
 """
 
 import json
 import re
 from collections.abc import Callable, Iterator
 from difflib import get_close_matches
+from pathlib import Path
 
 from paddlectl.errors import NotFoundError, PaddlectlError
-from paddlectl.plugins import Plugins, attribute, require_kind
+from paddlectl.plugins import Plugins, attribute, load_file, require_kind
 from paddlectl.registry.fields import TASK
 from paddlectl.registry.names import is_id
 from paddlectl.tasks.base import DefinedTask, Task
 from paddlectl.tasks.maze2d import layouts as maze2d
 from paddlectl.tasks.minigrid import layouts as minigrid
 from paddlectl.tasks.minigrid.words import Defined, document_of
+from paddlectl.tasks.stock import families as stock
 
 AnyTask = str | Defined
 """A task by its name, or as a task file defines it (`tasks.naming.given`)."""
@@ -25,8 +28,20 @@ AnyTask = str | Defined
 TASKS: dict[str, str] = {
     **{name: "paddlectl.tasks.minigrid.engine:make_task" for name in minigrid.SPECS},
     **{name: "paddlectl.tasks.maze2d.engine:make_task" for name in maze2d.SPECS},
+    **{name: "paddlectl.tasks.stock.tasks:make_task" for name in stock.FAMILIES},
 }
 PLUGINS = Plugins("task", TASKS, lambda name: re.fullmatch(TASK, name) and not is_id(name))
+
+
+def add_file(file: Path) -> tuple[str, ...]:
+    """Runs a Python file and takes in its tasks, for this process; gives their names.
+
+    Raises:
+        InvalidFileError: If it can't be used.
+    """
+    found = load_file(file, "TASKS")
+    PLUGINS.add(file, found)
+    return tuple(found)
 
 
 def names() -> tuple[str, ...]:

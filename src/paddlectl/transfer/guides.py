@@ -320,7 +320,7 @@ class PlannedGuides(GuideSelector):
     def on_decision_end(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended, then makes one sweep of planning."""
         super().on_decision_end(outcome)
-        for lane, solved in zip(outcome.lanes[outcome.done], outcome.terminated[outcome.done], strict=True):
+        for lane, solved in zip(outcome.lanes[outcome.done], outcome.solved[outcome.done], strict=True):
             self._bandit.record(bool(self._alone[lane]), bool(solved))
         self._returns = self._model.returns(self._weights().max(-1))
 

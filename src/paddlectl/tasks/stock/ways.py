@@ -1,0 +1,205 @@
+"""What lies on the way in a grid of MiniGrid, read off its full grid: doors, keys, and what blocks them.
+
+All is told by ways: the cheapest from one cell to another, where to pass a closed door or an object costs
+some steps, and a locked door many. The *door* is the first locked one on the way to what solves the task, the
+*key* is of its colour. What comes next is the key, a box that may hide it, the door, or what solves the task.
+The *passage* is the first closed door on the way there, the *blockage* the first object on that way, or else
+on the whole one.
+"""
+
+from functools import cached_property
+from heapq import heappop, heappush
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from paddlectl.tasks.base import Floats
+
+NOWHERE = -1
+REACH = 3  # cells seen to each side
+_CLOSED, _OBJECT, _LOCKED = 5, 30, 1000  # what it costs to pass, in steps
+_FAR = 10**6
+_THINGS = ("key", "ball", "box")
+
+
+class Facts(NamedTuple):
+    """What is so with the agent in one cell.
+
+    Attributes:
+        key_held: The door's key is in hand; any key, if no door is locked any more.
+        key_seen: The door's key lies on the grid.
+        other_held: Something else is in hand.
+        opened: No locked door is on the way.
+        blocked: There is a blockage.
+        clear: No closed door is on the way to what comes next.
+        at_goal: The agent stands on the green square.
+        target_held: What solves the task is in hand.
+        door: Its cell, or NOWHERE; so with the others.
+        key: Where it lies.
+        blockage: Where it lies.
+        passage: Where it is.
+        box: The nearest that may hide a key.
+        target: What solves the task.
+    """
+
+    key_held: bool
+    key_seen: bool
+    other_held: bool
+    opened: bool
+    blocked: bool
+    clear: bool
+    at_goal: bool
+    target_held: bool
+    door: int
+    key: int
+    blockage: int
+    passage: int
+    box: int
+    target: int
+
+
+class Map:
+    """A grid as it is between two changes. Cells are numbered row by row.
+
+    Args:
+        env: MiniGrid's environment.
+
+    Attributes:
+        width: Cells in a row.
+        cells: MiniGrid's object in each cell, or None.
+        held: What is in hand, or None.
+        seen: Of each cell around which the agent may stand, the observations that were made there.
+    """
+
+    def __init__(self, env: Any) -> None:
+        self.width: int = env.grid.width
+        self.cells: list[Any] = list(env.grid.grid)
+        self.held: Any = env.carrying
+        self.seen: dict[Any, Floats] = {}
+        self._object: Any = getattr(env, "obj", None)
+        self._target = self._find_target()
+        self._ways: dict[int, tuple[list[int], list[int]]] = {}
+        self._facts: dict[int, Facts] = {}
+        self._costs = [self._cost(cell) for cell in self.cells]
+
+    def _find_target(self) -> int:
+        for number, cell in enumerate(self.cells):
+            if cell is not None and (cell is self._object if self._object else cell.type == "goal"):
+                return number
+        return NOWHERE
+
+    def _cost(self, cell: Any) -> int:
+        if cell is None or cell.can_overlap():
+            return 1
+        if cell.type == "door":
+            return _LOCKED if cell.is_locked else _CLOSED
+        return _OBJECT if cell.type in _THINGS else _FAR
+
+    @cached_property
+    def obstacles(self) -> Floats:
+        """1 where the agent can't walk, with a margin of `REACH` cells. [H + 6, W + 6]"""
+        walls = [cell is not None and not cell.can_overlap() for cell in self.cells]
+        rows = np.array(walls, np.float32).reshape(-1, self.width)
+        return np.pad(rows, REACH, constant_values=1)
+
+    def route(self, start: int, end: int) -> list[int]:
+        """The cells of the cheapest way, without the start; empty if there is none."""
+        if end == NOWHERE:
+            return []
+        costs, following = self._way_to(end)
+        if costs[start] >= _FAR:
+            return []
+        cells = []
+        while start != end:
+            start = following[start]
+            cells.append(start)
+        return cells
+
+    def _way_to(self, end: int) -> tuple[list[int], list[int]]:
+        """Of each cell the cost to get from there to the end, and the next cell on the way (Dijkstra)."""
+        if end in self._ways:
+            return self._ways[end]
+        costs, following = [_FAR] * len(self.cells), [NOWHERE] * len(self.cells)
+        costs[end] = 0
+        queue = [(0, end)]
+        while queue:
+            cost, cell = heappop(queue)
+            if cost > costs[cell]:
+                continue
+            more = cost + (1 if cell == end else self._costs[cell])
+            for before in (cell - 1, cell + 1, cell - self.width, cell + self.width):
+                inside = 0 <= before < len(costs)
+                if inside and more < costs[before] and self._costs[before] < _FAR:
+                    costs[before], following[before] = more, cell
+                    heappush(queue, (more, before))
+        self._ways[end] = costs, following
+        return self._ways[end]
+
+    def doorway(self, route: list[int]) -> int:
+        """The first door on a route, open or not."""
+        return next((cell for cell in route if self._is(cell, "door")), NOWHERE)
+
+    def _is(self, cell: int, kind: str) -> bool:
+        return self.cells[cell] is not None and self.cells[cell].type == kind
+
+    def facts(self, agent: int) -> Facts:
+        """What is so with the agent in that cell."""
+        if agent not in self._facts:
+            self._facts[agent] = self._told(agent)
+        return self._facts[agent]
+
+    def _told(self, agent: int) -> Facts:
+        way = self.route(agent, self._target)
+        door = next((cell for cell in way if self._is(cell, "door") and self.cells[cell].is_locked), NOWHERE)
+        colour = self.cells[door].color if door != NOWHERE else None
+        key_held = self._is_key(self.held, colour)
+        lying = [cell for cell, each in enumerate(self.cells) if self._is_key(each, colour)]
+        key = lying[0] if lying and door != NOWHERE else NOWHERE
+        hidden = door != NOWHERE and key == NOWHERE and not key_held
+        box = self._nearest_box(agent) if hidden else NOWHERE
+        following = next((cell for cell in (key, box, door) if cell != NOWHERE), self._target)
+        ahead = [cell for cell in self.route(agent, following) if cell != following]
+        passage = next((cell for cell in ahead if self._costs[cell] == _CLOSED), NOWHERE)
+        between = ahead + [cell for cell in way if cell != self._target]
+        blockage = next((cell for cell in between if self._costs[cell] == _OBJECT), NOWHERE)
+        return Facts(
+            key_held=key_held,
+            key_seen=key != NOWHERE,
+            other_held=self.held is not None and not key_held,
+            opened=door == NOWHERE,
+            blocked=blockage != NOWHERE,
+            clear=passage == NOWHERE,
+            at_goal=self._is(agent, "goal"),
+            target_held=self.held is not None and self.held is self._object,
+            door=door,
+            key=key,
+            blockage=blockage,
+            passage=passage,
+            box=box,
+            target=self._target,
+        )
+
+    def _is_key(self, thing: Any, colour: str | None) -> bool:
+        return thing is not None and thing.type == "key" and colour in (None, thing.color)
+
+    def _nearest_box(self, agent: int) -> int:
+        boxes = [cell for cell in range(len(self.cells)) if self._is(cell, "box") and cell != self._target]
+        return min(boxes, key=lambda cell: self._way_to(cell)[0][agent], default=NOWHERE)
+
+
+class View(NamedTuple):
+    """A state as all functions of a task are given it.
+
+    Attributes:
+        map: The grid.
+        agent: The agent's cell.
+        facing: Its direction.
+    """
+
+    map: Map
+    agent: int
+    facing: int
+
+    @property
+    def facts(self) -> Facts:
+        return self.map.facts(self.agent)

@@ -1,0 +1,171 @@
+"""`--tasks FILE.py`: a user's own tasks by their file, whose code is run where the command line says so."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from paddlectl import plugins
+from paddlectl.registry.store import Registry
+from paddlectl.tasks import suite
+from samples import ROOT, Command
+
+PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+(CAB,) = re.findall(r"```python\n(# cab\.py.*?)```", PAGE, re.DOTALL)
+SCENARIO = "name: cab\ntarget: Cab\nsources: [Van]\nmethod: paddle\nframes: 256\nseeds: [0]\n"
+FEW = "--set num_envs=4 --set rollout_steps=16"
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Iterator[Path]:
+    """The example of docs/extending.md, with a second task of its domain."""
+    quick = CAB.replace("horizon=200", "horizon=20")
+    (tmp_path / "cab.py").write_text(quick.replace('{"Cab": CAB}', '{"Cab": CAB, "Van": CAB}'))
+    yield tmp_path / "cab.py"
+    plugins._files.clear()
+    suite.PLUGINS._of_files.clear()
+
+
+def shell(folder: Path, *arguments: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "paddlectl", *map(str, arguments)],
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src"), "PADDLECTL_REGISTRY": str(folder / "registry")},
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def done(folder: Path, line: str, code: int = 0) -> tuple[str, str]:
+    process = shell(folder, *line.split())
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == code, err
+    return out, err
+
+
+def test_the_example_is_short() -> None:
+    assert len(CAB.splitlines()) <= 40
+
+
+def test_from_training_to_an_explained_transfer(file: Path) -> None:
+    folder = file.parent
+    (folder / "cab.yaml").write_text(SCENARIO)
+    learning = shell(folder, *f"train Cab --tasks cab.py --frames 1e6 --checkpoint-every 0 {FEW}".split())
+    patience = time.monotonic() + 60
+    while not list(folder.glob("registry/runs/run-1/checkpoints/*.json")):
+        assert time.monotonic() < patience and learning.poll() is None
+        time.sleep(0.05)
+    learning.send_signal(signal.SIGINT)
+    _, err = learning.communicate(timeout=60)
+    assert learning.returncode == 130
+    assert err.startswith(f"note: the code of {file} is run, for its tasks\n")
+    assert "go on with: paddlectl resume run-1 --tasks cab.py\n" in err
+
+    told = done(folder, "resume run-1", 5)[1]
+    assert told.endswith(
+        "error: run-1 was learned on Cab, which this version doesn't have\n"
+        "use the version of paddlectl that learned it, install the plug-in, or add --tasks FILE.py\n"
+    )
+    assert "no task Cab" in done(folder, "train Cab", 4)[1]
+
+    assert "'Cab'" in done(folder, "transfer cab.yaml", 3)[1], "no file but Python's own names code"
+    out, err = done(folder, f"transfer cab.yaml --tasks=cab.py --train-missing {FEW} --frames 64 --json")
+    run = json.loads(out)["runs"][0]["run"]
+    with Registry.open(folder / "registry") as registry:
+        assert re.fullmatch("[0-9a-f]{12}", registry.run(run).versions["cab.py"])
+        assert "has_passenger(taxi)" in str(registry.policy("Van").program)
+        assert registry.run("run-1").status == "interrupted"
+
+
+def test_commands_in_one_process(file: Path, command: Command) -> None:
+    listed = command("tasks", "--tasks", file, "--json")
+    assert listed.err == f"note: the code of {file} is run, for its tasks\n"
+    assert {"Cab", "Van"} <= {task["name"] for task in listed.json["tasks"]}
+    assert "did you mean Cab" in command("train", "cab", "--tasks", file).err
+    Registry.open(os.environ["PADDLECTL_REGISTRY"]).close()
+    assert "run: paddlectl train Cab --tasks" in command("show", "Cab", "--tasks", file).err
+    told = command("similarity", "--target", "Cab", "--tasks", file)
+    assert told.err.endswith(f"run: paddlectl train Van --tasks {file}\n")
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "src/paddlectl/cli").glob("*.py")))
+def test_each_command_that_loads_tasks_has_the_option(name: str, command: Command) -> None:
+    source = (ROOT / f"src/paddlectl/cli/{name}.py").read_text()
+    if "EXAMPLE" in source and name not in ("app", "export", "policies", "registry", "runs"):
+        assert "no file nowhere.py" in command(name, "--tasks", "nowhere.py").err.replace(
+            f"{Path.cwd()}/", ""
+        )
+
+
+@pytest.mark.parametrize(
+    ("code", "told"),
+    [
+        ("TASKS = = 1", "it can't be loaded: SyntaxError: invalid syntax (own.py, line 1)"),
+        ("\nimport nowhere", "ModuleNotFoundError: No module named 'nowhere' (own.py, line 2)"),
+        ("def f():\n    1 / 0\nf()", "ZeroDivisionError: division by zero (own.py, line 2)"),
+        ("raise SystemExit(0)", "SystemExit: 0 (own.py, line 1)"),
+        ("", "AttributeError: module 'file_own' has no attribute 'TASKS'"),
+        ("TASKS = ['Cab']", "it gives list instead of collections.abc.Mapping"),
+        ("TASKS = {'my task': print}", "no task can have the name 'my task'"),
+        ("TASKS = {3: print}", "no task can have the name 3"),
+        ("TASKS = {'GapBall': print}", "there is another task GapBall"),
+    ],
+)
+def test_a_file_that_cant_be_used_is_told_with_its_line(
+    file: Path, command: Command, code: str, told: str
+) -> None:
+    own = file.with_name("own.py")
+    own.write_text(code)
+    answer = command("tasks", "--tasks", own)
+    lines = answer.err.splitlines()
+    assert answer.code == 3 and len(lines) == 3 and not answer.out, answer
+    assert lines[1].startswith(f"error: {own}: ") and told in lines[1]
+
+
+@pytest.mark.parametrize(
+    ("code", "told"),
+    [
+        ("TASKS = {'Own': 3}", "TypeError: 'int' object is not callable"),
+        ("TASKS = {'Own': lambda name: name}", "it gives str instead of paddlectl.tasks.base.Task"),
+        ("def own(name):\n    return 1 / 0\nTASKS = {'Own': own}", "division by zero (own.py, line 2)"),
+        (CAB.replace("Cab", "Own").replace("riding}", "riding, 'x': riding}"), "ProgramSyntaxError"),
+    ],
+)
+def test_a_task_that_cant_be_made_is_its_files_fault(
+    file: Path, command: Command, code: str, told: str
+) -> None:
+    own = file.with_name("own.py")
+    own.write_text(code)
+    answer = command("train", "Own", "--tasks", own)
+    error, hint = answer.err.splitlines()[-2:]
+    assert answer.code == 1 and error.startswith(f"error: task Own of {own} can't be used: ")
+    assert told in error and hint == f"mend {own}"
+    assert "note: task Own" in command("tasks", "--tasks", own).err
+
+
+def test_what_fails_while_it_learns_is_told_with_its_line(file: Path) -> None:
+    file.write_text(CAB.replace("state[0][2] == state[0][3]", "state[0][2] == state[0][4]"))
+    err = done(file.parent, f"train Cab --tasks cab.py --frames 64 {FEW}", 1)[1]
+    line = 1 + file.read_text().splitlines().index("    return state[0][2] == state[0][4]")
+    error, hint = err.splitlines()[-2:]
+    assert error.startswith("error: ") and f"(cab.py, line {line})" in error and "IndexError" in error
+    assert hint == "mend the task"
+
+
+def test_two_files_of_one_name_or_with_one_task_are_refused(file: Path, command: Command) -> None:
+    other = file.parent / "other" / "cab.py"
+    other.parent.mkdir()
+    other.write_text("TASKS = {}")
+    assert "another file of that name" in command("tasks", "--tasks", file, "--tasks", other).err
+    van = file.with_name("van.py")
+    van.write_text(file.read_text())
+    assert "there is another task Cab" in command("tasks", "--tasks", file, "--tasks", van).err
+    assert command("tasks", "--tasks", file, "--tasks", file, "--json").code == 0

@@ -1,0 +1,198 @@
+"""MiniGrid's own environments: stepped as they are, and told in facts by which a plain plan solves them."""
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import minigrid  # noqa: F401
+import numpy as np
+import pytest
+
+from contract import CHECKS
+from paddlectl.hybrid.settings import settings_for
+from paddlectl.logic.atoms import Literal
+from paddlectl.logic.templates import scenes
+from paddlectl.scenario import load_scenario
+from paddlectl.tasks import suite
+from paddlectl.tasks.stock.families import FAMILIES
+from paddlectl.tasks.stock.tasks import SUBGOALS
+from paddlectl.tasks.stock.watched import Watched
+from paddlectl.tasks.stock.ways import NOWHERE, View
+from samples import ROOT
+
+LEFT, RIGHT, FORWARD, PICK_UP, DROP, TOGGLE = range(6)
+EACH = pytest.mark.parametrize("name", FAMILIES)
+SOME = pytest.mark.parametrize(
+    "name", ["MiniGrid-DoorKey-6x6-v0", "MiniGrid-KeyCorridorS3R3-v0", "MiniGrid-ObstructedMaze-2Dlhb-v1"]
+)
+ORDER = (
+    *("put_blockage()", "gt_blockage()", "gt_passage()", "gt_box()", "gt_key()", "gt_door()"),
+    *("gt_goal()", "put_key()", "gt_target()"),
+)
+USE = {"gt_box()": TOGGLE, "gt_door()": TOGGLE, "gt_passage()": TOGGLE, "gt_goal()": FORWARD}
+TARGETS = {
+    "gt_box()": "box",
+    "gt_door()": "door",
+    "gt_passage()": "passage",
+    "gt_goal()": "target",
+    "gt_key()": "key",
+    "gt_target()": "target",
+    "gt_blockage()": "blockage",
+}
+
+
+def turned_to(view: View, cell: int) -> int:
+    """A turn towards a neighbouring cell; FORWARD if it is in front."""
+    wanted = [1, view.map.width, -1, -view.map.width].index(cell - view.agent)
+    return (FORWARD, RIGHT, RIGHT, LEFT)[(wanted - view.facing) % 4]
+
+
+def planned(view: View, subgoal: str, rng: np.random.Generator) -> int:
+    """The next action of one that knows the way."""
+    if subgoal not in TARGETS:  # put down what is in hand, where it is in nobody's way
+        front = view.agent + [1, view.map.width, -1, -view.map.width][view.facing]
+        ends = (view.facts.key, view.facts.box, view.facts.target)
+        ways = [cell for end in ends for cell in view.map.route(view.agent, end)]
+        if view.map.cells[front] is None and front not in ways:
+            return DROP
+        return int(rng.choice([LEFT, RIGHT, FORWARD]))
+    target = getattr(view.facts, TARGETS[subgoal])
+    way = view.map.route(view.agent, target)
+    action = turned_to(view, way[0])
+    if action == FORWARD and way[0] == target:
+        return USE.get(subgoal, PICK_UP)
+    return action
+
+
+@EACH
+def test_its_facts_lead_a_plan_to_success(name: str) -> None:
+    """And on the way no scene is met that is excluded, nor a subgoal available that holds."""
+    task = suite.load(name)
+    allowed = set(scenes(task.vocabulary.atoms, task.vocabulary.exclusions))
+    lanes, rng, met = 8, np.random.default_rng(0), set()
+    batch = task.make(lanes, 5)
+    order = [subgoal for subgoal in ORDER if subgoal in map(str, task.subgoals)]
+    indices = {subgoal: [*SUBGOALS].index(subgoal) for subgoal in order}
+    solved, over = np.zeros(lanes, np.bool_), np.zeros(lanes, np.bool_)
+    while not over.all():
+        open_to = {s: batch.available(np.full(lanes, indices[s])) for s in order}
+        held = {s: batch.reached(np.full(lanes, indices[s])) for s in order}
+        assert not any((open_to[s] & held[s]).any() for s in order)
+        actions = np.zeros(lanes, np.intp)
+        for lane in np.flatnonzero(~over):
+            view = batch._state(lane)
+            chosen = next((s for s in order if open_to[s][lane]), None)
+            actions[lane] = int(rng.integers(3)) if chosen is None else planned(view, chosen, rng)
+        met |= set(map(tuple, batch.valuation().tolist()))
+        step = batch.step(actions)
+        solved |= step.score > 0
+        over |= step.terminated | step.truncated
+    bodies = {frozenset(map(Literal, task.vocabulary.atoms, truth)) for truth in met}
+    assert bodies <= allowed and len(bodies) >= 3
+    assert solved.sum() >= lanes - 1, f"{name}: {solved.sum()} of {lanes}"
+
+
+@EACH
+def test_its_horizon_is_minigrids(name: str) -> None:
+    assert gymnasium.make(name).unwrapped.max_steps == FAMILIES[name][1]  # type: ignore[attr-defined]
+
+
+@SOME
+def test_it_steps_and_pays_as_minigrid_does(name: str) -> None:
+    lanes, rng = 3, np.random.default_rng(0)
+    batch = suite.load(name).make(lanes, 7)
+    alone = [gymnasium.make(name, disable_env_checker=True) for _ in range(lanes)]
+    for lane, env in enumerate(alone):
+        env.reset(seed=int(batch.seeds[lane]))
+    for _ in range(150):
+        actions = rng.choice(7, p=[0.1, 0.15, 0.3, 0.15, 0.1, 0.15, 0.05], size=lanes)
+        step = batch.step(actions)
+        for lane, env in enumerate(alone):
+            _, reward, terminated, truncated, _ = env.step(int(actions[lane]))
+            ours: Any = batch._lanes[lane].env.unwrapped
+            theirs: Any = env.unwrapped
+            assert (ours.grid.encode() == theirs.grid.encode()).all()
+            assert (*ours.agent_pos, ours.agent_dir) == (*theirs.agent_pos, theirs.agent_dir)
+            assert (ours.carrying is None) == (theirs.carrying is None)
+            assert (step.terminated[lane], step.truncated[lane]) == (terminated, truncated)
+            assert step.score[lane] == step.reward[lane] == pytest.approx(reward)
+        done = step.terminated | step.truncated
+        batch.reset(done)
+        for lane in np.flatnonzero(done):
+            alone[lane].reset(seed=int(batch.seeds[lane]))
+
+
+@SOME
+def test_what_is_kept_of_a_grid_is_what_would_be_read_anew(name: str) -> None:
+    batch, rng = suite.load(name).make(4, 1), np.random.default_rng(3)
+    subgoals = rng.integers(len(SUBGOALS), size=4)
+    for _ in range(120):
+        batch.step(rng.choice(7, p=[0.1, 0.15, 0.3, 0.15, 0.1, 0.15, 0.05], size=4))
+        kept = batch.observe(subgoals), batch.flat_state(), batch.valuation()
+        for lane in batch._lanes:
+            assert isinstance(lane.env, Watched)
+            lane.env._map = None
+        batch._changed()
+        for ours, anew in zip(
+            kept, (batch.observe(subgoals), batch.flat_state(), batch.valuation()), strict=True
+        ):
+            np.testing.assert_array_equal(ours, anew)
+
+
+@SOME
+def test_it_goes_on_from_what_was_kept(name: str) -> None:
+    task, rng = suite.load(name), np.random.default_rng(0)
+    one, other = task.make(3, 0), task.make(3, 0)
+    for _ in range(40):
+        done = one.step(rng.integers(7, size=3))
+        one.reset(done.terminated | done.truncated)
+    other.restore(copy.deepcopy(one.snapshot()))
+    assert other.exact
+    for _ in range(300):
+        actions = rng.integers(7, size=3)
+        for ours, theirs in zip(one.step(actions), other.step(actions), strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+        np.testing.assert_array_equal(one.flat_state(), other.flat_state())
+        for batch in (one, other):
+            batch.reset(batch._finished.copy())
+
+
+@pytest.mark.parametrize("method", ["paddle", "ppo"])
+def test_methods_keep_their_promises_on_it(method: str) -> None:
+    for check in CHECKS:
+        check(method, "stock")
+
+
+@pytest.mark.parametrize(
+    "path", [*(ROOT / "scenarios" / "minigrid").glob("*.yaml")], ids=lambda path: path.stem
+)
+def test_its_scenarios_can_be_run(path: Path) -> None:
+    scenario = load_scenario(path)
+    assert {scenario.target, *scenario.source_names} <= FAMILIES.keys() and len(scenario.seeds) == 3
+
+
+def test_all_tasks_share_what_a_domain_shares() -> None:
+    shared = set()
+    for name in FAMILIES:
+        task = suite.load(name)
+        batch = task.make(1, 0)
+        shared.add(
+            (task.domain, batch.observation_size, batch.flat_size, batch.actions, task.domain_subgoals)
+        )
+        assert settings_for(task).decisions.shaping > 0
+    assert len(shared) == 1
+
+
+def test_all_is_seen_in_the_agents_own_frame() -> None:
+    """The same place, seen in four directions: what is ahead in one is to the right in the one before."""
+    env: Any = Watched(gymnasium.make("MiniGrid-DoorKey-8x8-v0", disable_env_checker=True))
+    env.reset(seed=0)
+    view: View = env.view()
+    seen = [SUBGOALS["gt_key()"].sees(View(view.map, view.agent, facing)) for facing in range(4)]
+    forward, right = [each[50] for each in seen], [each[51] for each in seen]
+    assert right == forward[1:] + forward[:1]
+    windows = [np.asarray(each[:49]).reshape(7, 7) for each in seen]
+    for before, after in zip(windows, windows[1:] + windows[:1], strict=True):
+        np.testing.assert_array_equal(np.rot90(before), after)
+    assert view.facts.key != NOWHERE and windows[0][3, 3] == 0
