@@ -13,21 +13,41 @@ from pathlib import Path
 import pytest
 
 from paddlectl import plugins
+from paddlectl.experiments.jobs import TrainJob
+from paddlectl.experiments.runner import train_source
 from paddlectl.registry.store import Registry
 from paddlectl.tasks import suite
 from samples import ROOT, Command
+from trials.runs import quiet, small
 
 PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 (CAB,) = re.findall(r"```python\n(# cab\.py.*?)```", PAGE, re.DOTALL)
-SCENARIO = "name: cab\ntarget: Cab\nsources: [Van]\nmethod: paddle\nframes: 256\nseeds: [0]\n"
+LAKE = """
+import numpy as np
+from paddlectl.tasks.gymnasium import GymnasiumTask, Subgoal
+
+def home(env):
+    return bool(env.s == 15)
+
+def at(env):
+    return np.eye(16)[env.s]
+
+TASK = GymnasiumTask(
+    env="FrozenLake-v1", domain="lake", horizon=20, frames=64,
+    predicates={"is_low(agent)": lambda env: bool(env.s >= 8)},
+    subgoals={"gt_home()": Subgoal(home, at)}, success=home, flat=at,
+)
+TASKS = {"Lake": TASK, "Pond": TASK}
+"""
+SCENARIO = "name: lake\ntarget: Lake\nsources: [Pond]\nmethod: paddle\nframes: 256\nseeds: [0]\n"
 FEW = "--set num_envs=4 --set rollout_steps=16"
 
 
 @pytest.fixture
 def file(tmp_path: Path) -> Iterator[Path]:
     """The example of docs/extending.md, with a second task of its domain."""
-    quick = CAB.replace("horizon=200", "horizon=20")
-    (tmp_path / "cab.py").write_text(quick.replace('{"Cab": CAB}', '{"Cab": CAB, "Van": CAB}'))
+    (tmp_path / "lake.py").write_text(LAKE)
+    (tmp_path / "cab.py").write_text(CAB.replace('{"Cab": CAB}', '{"Cab": CAB, "Van": CAB}'))
     yield tmp_path / "cab.py"
     plugins._files.clear()
     suite.PLUGINS._of_files.clear()
@@ -55,10 +75,10 @@ def test_the_example_is_short() -> None:
     assert len(CAB.splitlines()) <= 40
 
 
-def test_from_training_to_an_explained_transfer(file: Path) -> None:
+def test_from_training_to_a_transfer(file: Path, command: Command) -> None:
     folder = file.parent
-    (folder / "cab.yaml").write_text(SCENARIO)
-    learning = shell(folder, *f"train Cab --tasks cab.py --frames 1e6 --checkpoint-every 0 {FEW}".split())
+    (folder / "lake.yaml").write_text(SCENARIO)
+    learning = shell(folder, *f"train Lake --tasks lake.py --frames 1e6 --checkpoint-every 0 {FEW}".split())
     patience = time.monotonic() + 60
     while not list(folder.glob("registry/runs/run-1/checkpoints/*.json")):
         assert time.monotonic() < patience and learning.poll() is None
@@ -66,23 +86,30 @@ def test_from_training_to_an_explained_transfer(file: Path) -> None:
     learning.send_signal(signal.SIGINT)
     _, err = learning.communicate(timeout=60)
     assert learning.returncode == 130
-    assert err.startswith(f"note: the code of {file} is run, for its tasks\n")
-    assert "go on with: paddlectl resume run-1 --tasks cab.py\n" in err
+    assert err.startswith(f"note: the code of {folder / 'lake.py'} is run, for its tasks\n")
+    assert "go on with: paddlectl resume run-1 --tasks lake.py\n" in err
 
-    told = done(folder, "resume run-1", 5)[1]
-    assert told.endswith(
-        "error: run-1 was learned on Cab, which this version doesn't have\n"
+    told = command("resume", "run-1")
+    assert told.code == 5 and told.err.endswith(
+        "error: run-1 was learned on Lake, which this version doesn't have\n"
         "use the version of paddlectl that learned it, install the plug-in, or add --tasks FILE.py\n"
     )
-    assert "no task Cab" in done(folder, "train Cab", 4)[1]
-
-    assert "'Cab'" in done(folder, "transfer cab.yaml", 3)[1], "no file but Python's own names code"
-    out, err = done(folder, f"transfer cab.yaml --tasks=cab.py --train-missing {FEW} --frames 64 --json")
+    assert "'Lake'" in command("transfer", folder / "lake.yaml").err, "no scenario names code"
+    Registry.open(folder / "registry").close()
+    out, err = done(folder, f"transfer lake.yaml --tasks=lake.py --train-missing {FEW} --frames 64 --json")
     run = json.loads(out)["runs"][0]["run"]
     with Registry.open(folder / "registry") as registry:
-        assert re.fullmatch("[0-9a-f]{12}", registry.run(run).versions["cab.py"])
-        assert "has_passenger(taxi)" in str(registry.policy("Van").program)
+        assert re.fullmatch("[0-9a-f]{12}", registry.run(run).versions["lake.py"])
+        assert "is_low(agent)" in str(registry.policy("Pond").program)
         assert registry.run("run-1").status == "interrupted"
+
+
+def test_the_example_learns(file: Path, tmp_path: Path) -> None:
+    suite.add_file(file)
+    registry = Registry.open(tmp_path / "registry")
+    with small():
+        row = train_source(TrainJob("Cab", 0, 512, {"num_envs": 4}), registry, quiet)
+    assert row["frames"] == 512 and "has_passenger(taxi)" in str(registry.policy("Cab").program)
 
 
 def test_commands_in_one_process(file: Path, command: Command) -> None:
