@@ -54,7 +54,12 @@ def test_a_gif_has_a_picture_for_each_step(place: Path, command: Command, tmp_pa
 
 @pytest.mark.parametrize(
     ("task", "method", "subgoals"),
-    [("BlockedDoor", "hdqn", True), ("GapBall", "ppo", False), ("MailMaze", "hdm", True)],
+    [
+        ("BlockedDoor", "hdqn", True),
+        ("GapBall", "ppo", False),
+        ("MailMaze", "hdm", True),
+        ("MiniGrid-DoorKey-5x5-v0", "hdm", True),
+    ],
 )
 def test_every_kind_of_policy_can_be_watched(task: str, method: str, subgoals: bool) -> None:
     loaded = load(task)

@@ -10,6 +10,7 @@ import typer
 from paddlectl.cli.options import (
     AsJson,
     RegistryPlace,
+    TaskFiles,
     complete_held,
     complete_tasks,
     file_at,
@@ -64,6 +65,7 @@ def watch(
     per_second: Annotated[
         int, typer.Option(parser=whole_number(1, 50), metavar="N", help="Pictures in a second.")
     ] = 6,
+    task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:

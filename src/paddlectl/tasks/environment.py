@@ -9,7 +9,6 @@ import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-from paddlectl.errors import UsageError
 from paddlectl.tasks import registration  # with one environment, all are registered
 from paddlectl.tasks.base import Split
 from paddlectl.tasks.split import checked_split
@@ -76,21 +75,23 @@ class TaskEnv(gymnasium.Env[Any, Any]):
         self._spec = spec and replace(spec, max_episode_steps=self.max_steps)
 
 
+def can_be_drawn(task: Any) -> bool:
+    """Whether `drawn` gives the environment of a task, which is as `tasks.suite.load` takes it."""
+    return not isinstance(task, str) or task in registration.ENTRY_POINTS
+
+
 def drawn(task: Any) -> TaskEnv:
     """The environment of a task, on unseen layouts, whose `render` gives a picture.
 
     Args:
-        task: As `tasks.suite.load` takes it.
-
-    Raises:
-        UsageError: If it can't be drawn.
+        task: One that `can_be_drawn`.
     """
-    where = registration.ENTRY_POINTS.get(task) if isinstance(task, str) else registration.OF_FILES
-    if where is None:
-        raise UsageError(f"{task} can't be drawn", "only MiniGrid's rooms and the maze of this package can")
+    named = isinstance(task, str)
+    where = registration.ENTRY_POINTS[task] if named else registration.OF_FILES
     module, _, name = where.partition(":")
     made = getattr(import_module(module), name)
-    looks = registration.LOOKS.get(where, {})
-    given = task if isinstance(task, str) else task.spec
-    env: TaskEnv = made(given, split="evaluation", render_mode="rgb_array", **looks)
+    given = task if named else task.spec
+    env: TaskEnv = made(
+        given, split="evaluation", render_mode="rgb_array", **registration.LOOKS.get(where, {})
+    )
     return env

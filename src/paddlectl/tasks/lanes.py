@@ -351,6 +351,20 @@ class GymnasiumEnvironment(Environment):
             self._begin(other)
         self._kept = value["state"]
 
+    def picture(self, lane: int) -> NDArray[np.uint8]:
+        """What the environment itself draws of a lane. [height, width, 3]
+
+        Raises:
+            PaddlectlError: If it can't.
+        """
+        inner = self._lanes[lane].unwrapped
+        with self._blamed("render()"):
+            inner.render_mode = "rgb_array"
+            drawn = np.asarray(inner.render(), np.uint8)
+            if drawn.ndim != 3:
+                raise ValueError(f"it gives no picture, but an array of shape {drawn.shape}")
+        return drawn
+
     def close(self) -> None:
         """Closes its environments."""
         self._vector.close()
