@@ -109,7 +109,7 @@ def has_checkpoint(place: Path, method: str) -> bool:
     return any(list((place / "runs" / run / "checkpoints").glob("*.json")) for run in runs)
 
 
-def test_from_training_to_another_registry(installed: Path, tmp_path: Path) -> None:
+def test_from_training_to_another_registry(installed: Path, command: Command, tmp_path: Path) -> None:
     shell = Shell(installed, tmp_path / "registry")
     (tmp_path / "coin.yaml").write_text(SCENARIO)
     learning = shell.begin(*f"train KeyPays --method climb --frames {FRAMES} --checkpoint-every 0".split())
@@ -122,14 +122,14 @@ def test_from_training_to_another_registry(installed: Path, tmp_path: Path) -> N
     source = train_source(TrainJob("ExitCorridor", 0, 2048, method="ppo"), opened, quiet)["policy"]
 
     whole = Registry.open(tmp_path / "whole")
-    _, moved, _, listed = shell.all(
+    shell.all(
         f"transfer {tmp_path / 'coin.yaml'}",
-        "evaluate ExitCorridor --task CoinCorridor --episodes 5",
         f"resume {stopped}",
-        "tasks",
         meanwhile=lambda: train_source(TrainJob("KeyPays", 0, FRAMES, method="climb"), whole, quiet),
     )
-    assert {"CoinCorridor", "ExitCorridor", "KeyPays"} < {task["name"] for task in listed["tasks"]}
+    listed = command("tasks", "--json").json["tasks"]
+    assert {"CoinCorridor", "ExitCorridor", "KeyPays"} < {task["name"] for task in listed}
+    moved = command(*["evaluate", "ExitCorridor", "--task", "CoinCorridor", "--episodes", "5", "--json"]).json
     assert (moved["policy"], moved["task"]) == (source, "CoinCorridor")
 
     transfer = opened.newest_transfer()
@@ -137,11 +137,13 @@ def test_from_training_to_another_registry(installed: Path, tmp_path: Path) -> N
     assert transfer.versions["toys"] == "1.0"
     rows = opened.files.read_rows(transfer.id, "reuse")
     assert {row["source"] for row in rows} == {"target", *transfer.sources}
-    told, _ = shell.all(f"explain {transfer.id}", f"registry export {transfer.policy} {tmp_path / 'x.zip'}")
+    told = command("explain", transfer.id, "--json").json
+    assert command("registry", "export", transfer.policy, tmp_path / "x.zip").code == 0
     assert (told["method"], told["target"]) == ("lean", "CoinCorridor")
     reused = {(row["source"], *row["terms"]) for row in told["reuse"]}
     assert reused == {("target", "value"), (source, "value")}
-    Shell(installed, tmp_path / "other").all(f"registry import {tmp_path / 'x.zip'}")
+    taken = command("registry", "import", tmp_path / "x.zip", "--registry", tmp_path / "other")
+    assert taken.code == 0
     assert Registry.open(tmp_path / "other").policy("CoinCorridor").method == "lean"
     assert ended(opened, stopped) == ended(whole, "run-1")
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from importlib.metadata import distributions, version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -127,15 +127,21 @@ def recorded(registry: Registry, run: RunRecord) -> Iterator[RunLog]:
 def versions() -> dict[str, str]:
     """What a run depends on: equal seeds give equal results where these are equal."""
     packages = ("paddlectl", "torch", "numpy", "gymnasium", "minigrid", "gymnasium-robotics", "mujoco")
-    installed = {distribution.name for distribution in distributions()}
     return {
         "python": platform.python_version(),
         "platform": platform.platform(),
         "threads": "1",
-        **{package: version(package) for package in packages if package in installed},
+        **{package: found for package in packages if (found := _installed(package))},
         "paddlectl": version("paddlectl") + _commit(),
         **plugins.versions(),
     }
+
+
+def _installed(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 @cache
