@@ -1,5 +1,6 @@
 import os
 import signal
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -16,3 +17,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     from xdist.scheduler import LoadFileScheduling
 
     return LoadFileScheduling(config, log)
+
+
+@pytest.fixture(autouse=True)
+def hears_what_it_heard() -> Iterator[None]:
+    """The command line, run in this process, leaves signals ignored, and processes inherit that."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)

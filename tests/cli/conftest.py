@@ -2,10 +2,9 @@
 
 import os
 import shutil
-import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,13 +15,10 @@ from samples import BLOCKED_DOOR, GAP_BALL, ROOT, Answer, Command, add_source, a
 
 
 @pytest.fixture
-def command(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Iterator[Command]:
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
     """Runs one command line in this process, through its error boundary."""
     monkeypatch.setenv("PADDLECTL_REGISTRY", str(tmp_path / "registry"))
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
 
     def run(*arguments: object) -> Answer:
         monkeypatch.setattr(sys, "argv", ["paddlectl", *map(str, arguments)])
@@ -32,9 +28,7 @@ def command(
         assert "Traceback" not in out + err
         return Answer(code, out, err)
 
-    yield run
-    for number, handler in before.items():
-        signal.signal(number, handler)
+    return run
 
 
 @pytest.fixture

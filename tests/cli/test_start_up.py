@@ -246,7 +246,9 @@ def test_completion_of_scenario_files(complete: Complete, monkeypatch: pytest.Mo
     assert complete("paddlectl transfer scenarios/A") == ["scenarios/A-place.yaml", "scenarios/A.yaml"]
 
 
-def test_completion_of_task_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_completion_of_task_files(
+    complete: Complete, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "mytasks").mkdir()
     for name in ("KeyGoal.yaml", "notes.txt"):
         (tmp_path / "mytasks" / name).touch()
