@@ -11,6 +11,21 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before anything imports numpy o
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+LONGEST = (
+    "test_evaluation",
+    "test_resume",
+    "test_every_method",
+    "test_openness",
+    "test_run_jobs",
+    "test_trials",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The files that take longest come first, so that no process waits for one of them at the end."""
+    items.sort(key=lambda item: item.path.stem not in LONGEST)
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """A file's tests are run by one process, so that what they share is made once."""

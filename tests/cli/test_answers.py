@@ -12,6 +12,7 @@ from paddlectl.experiments.jobs import TransferJob
 from paddlectl.registry.schema import policies, runs
 from paddlectl.registry.store import Registry
 from paddlectl.report.summary import MOST_LINES
+from paddlectl.tasks.stock.families import FAMILIES
 from samples import GAP_BALL, ROOT, TARGET, Command, add_source, add_transfer, body, program
 
 Process = Callable[..., subprocess.CompletedProcess[str]]
@@ -91,7 +92,7 @@ def test_one_weight_leaves_the_rest_to_the_other(registry: Registry, command: Co
 
 def test_tasks(command: Command) -> None:
     tasks = command("tasks", "--json").json["tasks"]
-    assert len(tasks) == 10
+    assert len(tasks) == 10 + len(FAMILIES)
     columns = ["name", "domain", "horizon", "heads", "vocabulary", "summary", "presets", "definition"]
     assert all(list(task) == columns for task in tasks)
     presets = {task["name"]: task["presets"] for task in tasks if task["presets"]}

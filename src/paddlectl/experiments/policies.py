@@ -110,11 +110,12 @@ def needs_of(record: PolicyRecord | RunRecord) -> tuple[Task, Method]:
     try:
         task = load(task_of(record))
     except NotFoundError as error:
-        raise _lacking(record, f"on {shown(record.task)}") from error
+        ways = "install the plug-in, or add --tasks FILE.py"
+        raise _lacking(record, f"on {shown(record.task)}", ways) from error
     try:
         return task, method_of(catalogue.MADE_AS.get(record.method, record.method))
     except UsageError as error:
-        raise _lacking(record, f"by {shown(record.method)}") from error
+        raise _lacking(record, f"by {shown(record.method)}", "or install the plug-in") from error
 
 
 def task_of(record: PolicyRecord | RunRecord) -> AnyTask:
@@ -126,10 +127,10 @@ def task_of(record: PolicyRecord | RunRecord) -> AnyTask:
     return kept(*record.content)
 
 
-def _lacking(record: PolicyRecord | RunRecord, what: str) -> IntegrityError:
+def _lacking(record: PolicyRecord | RunRecord, what: str, ways: str) -> IntegrityError:
     return IntegrityError(
         f"{record.id} was learned {what}, which this version doesn't have",
-        "use the version of paddlectl that learned it, install the plug-in, or add --tasks FILE.py",
+        f"use the version of paddlectl that learned it, {ways}",
     )
 
 
