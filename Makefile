@@ -26,13 +26,13 @@ demo: $(READY)
 	paddlectl explain latest
 
 test: $(READY)
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 3
 
 check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 3
 
 # The long tier of the reliability tests, for hours; SHARE=0.1 runs a tenth of it.
 SHARE ?= 1

@@ -11,13 +11,13 @@ from soak import RESULTS, TRIALS
 
 SOAK = Path(__file__).with_name("soak.py")
 COUNTS = {
-    "killed_writers": 60,
+    "killed_writers": 30,
     "killed_care": 3,
-    "shared_folders": 3,
-    "live_readers": 32,
+    "shared_folders": 2,
+    "live_readers": 16,
     "full_disk": 3,
-    "yaml_files": 5000,
-    "programs": 5000,
+    "yaml_files": 2500,
+    "programs": 2500,
     "index_files": 40,
     "changed_files": 800,
     "healthy_registries": 20,
