@@ -195,7 +195,9 @@ def test_explain_says_who_led_and_why(registry: Registry, command: Command) -> N
 def test_explain_is_short_unless_all_is_asked_for(registry: Registry, command: Command) -> None:
     told = command("explain").out
     assert len(told.splitlines()) <= MOST_LINES
-    assert "jump-start 0.70" in told and "In the end it leads in the one scene" in " ".join(told.split())
+    assert "jump-start 0.70" in told and "In the end the target leads in the one scene" in " ".join(
+        told.split()
+    )
     assert told.endswith("all of it: paddlectl explain run-3 --full\n")
     assert len(command("explain", "--full").out.splitlines()) > MOST_LINES
 

@@ -215,13 +215,13 @@ def _at_the_end(late: Phase | None, labels: Labels) -> Iterator[str]:
         all_ = (
             f"all of the {len(leaders)} scenes that come" if len(leaders) > 1 else "the one scene that comes"
         )
-        yield f"In the end it leads in {all_} up most."
+        yield f"In the end the target leads in {all_} up most."
         return
     scene, policy = others[0]
     elsewhere = " and elsewhere" if len(others) > 1 else ""
     own = len(leaders) - len(others) or "none"
     yield (
-        f"In the end it leads in {own} of the {len(leaders)} scenes that come up most,"
+        f"In the end the target leads in {own} of the {len(leaders)} scenes that come up most,"
         f" {labels(policy)} in {context_text(scene)}{elsewhere}."
     )
 
