@@ -1,5 +1,6 @@
 """What the commands answer about a registry whose numbers are known: JSON for scripts, text for people."""
 
+import os
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -187,8 +188,8 @@ def test_explain_says_who_led_and_why(registry: Registry, command: Command) -> N
     )
     assert "BlockedDoor → gt_blockage(), 12 steps, reached" in told
     assert (
-        "jump-start 0.70, final score 0.88, final success 90 %, area under the curve 0.80, success 97 %"
-        in told
+        "jump-start 0.70, final score 0.88, final success 90 %, area under the curve 0.80,"
+        " unseen success 97 %" in told
     )
 
 
@@ -283,9 +284,16 @@ def test_the_version(command: Command) -> None:
     assert (answer.code, answer.out, answer.err) == (0, f"paddlectl {paddlectl.__version__}\n", "")
 
 
-def test_explain_writes_a_page(registry: Registry, command: Command, tmp_path: Path) -> None:
+def test_explain_writes_a_page_and_replaces_nothing_but_a_page(
+    registry: Registry, command: Command, tmp_path: Path
+) -> None:
     answer = command("explain", "run-3", "--html", str(tmp_path / "x.html"))
     assert answer.code == 0 and "run-3 is explained in" in answer.out
     assert (tmp_path / "x.html").read_text().startswith("<!doctype html>")
-    for where in (tmp_path, tmp_path / "no" / "x.html"):
-        assert command("explain", "run-3", "--html", str(where)).code == 2
+    (tmp_path / "mine.py").write_text("mine")
+    (tmp_path / "link.html").symlink_to(tmp_path / "mine.py")
+    os.mkfifo(tmp_path / "pipe.html")
+    for name in ("", "no/x.html", "mine.py", "link.html", "pipe.html"):
+        assert command("explain", "run-3", "--html", str(tmp_path / name)).code == 2, name
+    assert (tmp_path / "mine.py").read_text() == "mine" and (tmp_path / "pipe.html").is_fifo()
+    assert "can't be written" in command("explain", "run-3", "--html", "/proc/x.html").err

@@ -121,6 +121,7 @@ def test_what_cant_be_watched_is_told(place: Path, command: Command, tmp_path: P
     assert told("BoxDoor", "--task", "MailMaze", *gif_at)[0] == 5
     assert told("BoxDoor", "--gif", str(tmp_path / "no" / "x.gif"))[0] == 2
     assert told("BoxDoor", "--gif", str(tmp_path))[0] == 2
+    assert "doesn't end in .gif" in told("BoxDoor", "--gif", str(tmp_path / "mine.py"))[1]
     assert list(tmp_path.iterdir()) == []
 
 

@@ -178,7 +178,7 @@ def test_an_older_run_is_told_to_have_recorded_no_causes():
 
 def test_a_run_from_scratch_says_why_nobody_led_and_what_tells_more():
     told = text(method="hdm", policy="policy-7", results={"mean_length": 30.0, "final_score": 0.8})
-    assert "final score 0.80, length 30.0" in told
+    assert "final score 0.80, unseen length 30.0" in told
     assert "hdm learns from scratch: there were no guides to choose from, and no episode was kept." in told
     assert told.endswith("paddlectl evaluate policy-7")
     stopped = text(method="hdm", status="interrupted")

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from paddlectl.cli.options import AsJson, RegistryPlace, TaskFiles, complete_transfers, file_at
-from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.cli.output_files import require_output, write_output
+from paddlectl.errors import NotFoundError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,8 +50,8 @@ def explain(
     from paddlectl.report.output import clean, print_json, print_paged, print_text
     from paddlectl.report.summary import summary_parts
 
-    if html is not None and (html.is_dir() or not html.parent.is_dir()):
-        raise UsageError(f"{html} can't be written", "name a file in a folder that exists")
+    if html is not None:
+        require_output(html, ".html", ".htm")
     opened = Registry.open(registry, create=False)
     record = transfer_run(opened, run)
     document = explanation_document(opened, record)
@@ -67,10 +68,9 @@ def explain(
 
 
 def _write(path: Path, registry: "Registry", run: "RunRecord", document: "Mapping[str, Any]") -> None:
-    from paddlectl.registry.files.objects import write_atomically
     from paddlectl.report.page import explanation_page
 
-    write_atomically(path, explanation_page(registry, run, document).encode(), shared=False)
+    write_output(path, explanation_page(registry, run, document).encode())
 
 
 def transfer_run(registry: "Registry", run: str) -> "RunRecord":

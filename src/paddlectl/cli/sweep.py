@@ -21,6 +21,7 @@ from paddlectl.cli.options import (
     complete_scenarios,
     file_at,
 )
+from paddlectl.cli.output_files import require_output
 from paddlectl.cli.texts import here
 from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
 
@@ -131,6 +132,7 @@ def _require_writable(results: Path) -> None:
     if results.is_dir():
         raise UsageError(f"{results} is a folder", "name a file in it")
     results.parent.mkdir(parents=True, exist_ok=True)
+    require_output(results, ".json")
 
 
 def _opened(registry: str) -> "Registry | None":

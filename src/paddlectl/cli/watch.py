@@ -16,6 +16,7 @@ from paddlectl.cli.options import (
     file_at,
     whole_number,
 )
+from paddlectl.cli.output_files import require_output, write_output
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry.fields import SEEDS
 
@@ -78,8 +79,8 @@ def watch(
 
     if gif is None and (as_json or not sys.stdout.isatty()):
         raise UsageError("an episode is played in a terminal", "or written to a file: --gif FILE")
-    if gif is not None and (gif.is_dir() or not gif.parent.is_dir()):
-        raise UsageError(f"{gif} can't be written", "name a file in a folder that exists")
+    if gif is not None:
+        require_output(gif, ".gif")
     other = task_named(task) if task is not None else None
     opened = Registry.open(registry, create=False)
     record = _policy(opened, policy)
@@ -134,13 +135,12 @@ def _show(seen: "Iterable[Seen]", per_second: float) -> None:
 
 
 def _write(path: Path, moments: "list[Seen]", per_second: float) -> None:
-    from paddlectl.registry.files.objects import write_atomically
     from paddlectl.report.frames import gif
 
     every = -(-len(moments) // MOST)
     kept = [*moments[:-1:every], moments[-1]]
     data = gif([moment.picture for moment in kept], [_caption(moment) for moment in kept], per_second)
-    write_atomically(path, data, shared=False)
+    write_output(path, data)
 
 
 def _caption(moment: "Seen") -> str:

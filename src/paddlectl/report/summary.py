@@ -27,8 +27,8 @@ FIGURES = (
     ("final score", "final_score", figure),
     ("final success", "final_success", percent),
     ("area under the curve", "area_under_curve", figure),
-    ("success", "success_rate", percent),
-    ("length", "mean_length", tenths),
+    ("unseen success", "success_rate", percent),
+    ("unseen length", "mean_length", tenths),
     ("crisp", "crispness", figure),
 )
 TERMS = (
@@ -295,6 +295,6 @@ def _program(program: Document | None, run: RunRecord, most: int) -> list[Render
     rest = [f"  and {more} more; run: paddlectl show {clean(program['policy'])}"] if more else []
     return [
         Heading("What it mostly does, in the shortest clauses"),
-        *([minimised_grid(shown)] if shown else []),
+        *([minimised_grid(shown)] if shown or not rest else []),
         *rest,
     ]
