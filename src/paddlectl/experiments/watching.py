@@ -59,9 +59,9 @@ def _mirrored(policy: Policy, asked: AnyTask, seed: int) -> Iterator[Seen]:
         while not ended:
             action = playing.act(env)
             yield Seen(env.render(), t, str(playing.subgoal or ""), 0.0, False)
-            _, reward, terminated, truncated, _ = env.step(action)
+            _, _, terminated, truncated, told = env.step(action)
             ended, t = terminated or truncated, t + 1
-        yield Seen(env.render(), t, "", float(reward) if terminated else 0.0, True)
+        yield Seen(env.render(), t, "", float(told["score"]), True)
     finally:
         env.close()
 

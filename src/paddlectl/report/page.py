@@ -13,6 +13,7 @@ from paddlectl.experiments.log import ended_episodes
 from paddlectl.experiments.similar import stored_program
 from paddlectl.logic.prolog import format_prolog
 from paddlectl.methods.catalogue import METHODS
+from paddlectl.registry.names import ELSEWHERE
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.report.explained import SHORTEST, WHY
@@ -85,7 +86,7 @@ def _name(policy: str, labels: Labels) -> str:
 
 def _colours(document: Document) -> dict[str, int]:
     """Policy -> its colour, the target's first."""
-    sources = [source.removeprefix("elsewhere:") for source in document["sources"]]
+    sources = [source.removeprefix(ELSEWHERE) for source in document["sources"]]
     return {policy: number for number, policy in enumerate((TARGET, *sources))}
 
 

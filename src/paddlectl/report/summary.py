@@ -143,7 +143,7 @@ def _followed(rows: Sequence[Document]) -> Phase | None:
 
 
 def verdict(document: Document, labels: Labels) -> list[RenderableType]:
-    """Two sentences: who led at first, and when and where the target took over."""
+    """Who led at first, when the target took over, and where others lead in the end: a sentence each."""
     early, late = phases(document)
     if not early:
         return []

@@ -10,6 +10,7 @@ Numbers = NDArray[np.float64]
 
 LEFT, RIGHT, TOP, BOTTOM = 44, 12, 10, 30  # pixels around a chart
 TICKS = 4
+COLOURS = 8
 
 
 class Line(NamedTuple):
@@ -52,7 +53,7 @@ def stacked(shares: Mapping[int, Sequence[float]], x: Sequence[float], size: tup
     for colour, share in shares.items():
         above = below + np.asarray(share)
         there, back = frame.points(x, above), frame.points([*x][::-1], below[::-1])
-        drawn.append(f'<polygon class="area c{colour}" points="{there} {back}"/>')
+        drawn.append(f'<polygon class="area c{colour % COLOURS}" points="{there} {back}"/>')
         below = above
     return frame.svg(drawn, of)
 
