@@ -15,7 +15,7 @@ from importlib import import_module
 TYPE_CHECKING = False  # typing's own would have to be loaded before ^C is handled
 
 if TYPE_CHECKING:
-    from paddlectl.api import Policy, Result, Runs, load, runs, train, transfer
+    from paddlectl.api import Policy, Result, Runs, add_tasks, load, runs, train, transfer
     from paddlectl.errors import (
         IntegrityError,
         InvalidFileError,
@@ -40,6 +40,7 @@ __all__ = [
     "SchemaVersionError",
     "UsageError",
     "__version__",
+    "add_tasks",
     "load",
     "runs",
     "train",

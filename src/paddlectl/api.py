@@ -142,6 +142,21 @@ class Runs(list[dict[str, Any]]):
         return {name: [row[name] for row in self] for name in (self[0] if self else ())}
 
 
+def add_tasks(file: "str | os.PathLike[str]") -> tuple[str, ...]:
+    """Runs a Python file and takes in its `TASKS` for this process, as `--tasks` does; gives their names.
+
+    Args:
+        file: Its path.
+
+    Raises:
+        NotFoundError: If there is no such file.
+        InvalidFileError: If it fails, or has no tasks.
+    """
+    from paddlectl.tasks.suite import add_file
+
+    return add_file(Path(at_home(os.fspath(file))).resolve())
+
+
 def load(name: "str | os.PathLike[str]", registry: "Place" = None, seed: int = 0) -> Policy:
     """A policy from a registry, or from a file that `paddlectl registry export` wrote.
 

@@ -68,6 +68,10 @@ class Plugins:
                 raise InvalidFileError(f"{file}: there is another {self._kind} {name}", "rename it")
         self._of_files.update({name: (file, each) for name, each in found.items()})
 
+    def from_file(self, name: str) -> bool:
+        """Whether a file has it."""
+        return name in self._of_files
+
     @contextmanager
     def using(self, name: str) -> Iterator[Any]:
         """Gives what is registered by that name; what fails within is told as its fault.
@@ -136,10 +140,12 @@ def load_file(file: Path, name: str) -> Mapping[str, Any]:
         sys.modules[module] = loaded = module_from_spec(spec)
         with redirect_stdout(sys.stderr):
             spec.loader.exec_module(loaded)
-            found = getattr(loaded, name)
-            require_kind(found, Mapping)
+            found = getattr(loaded, name, None)
     except (Exception, SystemExit) as error:
         raise InvalidFileError(f"{file}: it can't be loaded: {told(error)}", f"mend {file.name}") from error
+    if not isinstance(found, Mapping):
+        has = "has no" if found is None else f"has {type(found).__name__} as"
+        raise InvalidFileError(f"{file}: it {has} {name}", f'write {name} = {{"Name": …}}')
     packages.add(module)
     return dict(found)
 
@@ -199,4 +205,5 @@ def told(error: BaseException) -> str:
     ]
     frames = [frame for frame in frames if Path(frame.filename) in _files] or frames
     place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {error}"[:200] + place
+    kind = "" if isinstance(error, PaddlectlError) else f"{type(error).__name__}: "
+    return f"{kind}{error}"[:200] + place

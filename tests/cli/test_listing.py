@@ -119,3 +119,10 @@ def test_the_command_lists_first_and_asks_unless_told(registry: Registry, comman
     assert "run-3" not in listed(command, "runs")
     refused = command("registry", "delete", "run-3", "--yes")
     assert (refused.code, refused.out) == (4, "") and "no run run-3" in refused.err
+
+
+def test_an_empty_list_says_if_nobody_has_such_a_name(registry: Registry, command: Command) -> None:
+    near = command("runs", "--task", "gapbal", "--json")
+    assert near.code == 0 and near.err == "note: there is no task gapbal; did you mean GapBall?\n"
+    assert command("policies", "--method", "hdmm").err.endswith("no method hdmm; did you mean hdm?\n")
+    assert not command("runs", "--task", "GapBall", "--method", "cup").err

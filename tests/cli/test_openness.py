@@ -259,7 +259,8 @@ def test_what_a_plug_in_left_can_be_kept_without_it(
     assert (told.code, told.err) == (
         5,
         "error: policy-1 was learned on CoinCorridor, which this version doesn't have\n"
-        "use the version of paddlectl that learned it, install the plug-in, or add --tasks FILE.py\n",
+        "use the version of paddlectl that learned it, install the plug-in, "
+        "or name its file: --tasks FILE.py, in Python paddlectl.add_tasks(FILE)\n",
     )
     with pytest.raises(IntegrityError, match="run-2 was learned on CoinCorridor, which"):
         job_of(left_behind.run("run-2"))

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import paddlectl
 from paddlectl import plugins
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.runner import train_source
@@ -39,6 +40,14 @@ TASK = GymnasiumTask(
 )
 TASKS = {"Lake": TASK, "Pond": TASK}
 """
+
+
+def changed(field: str) -> str:
+    """The second example with another field, and alone as task Own."""
+    lake = LAKE[: LAKE.index("TASKS")]
+    return f"{lake}from dataclasses import replace\n\n\nTASKS = {{'Own': replace(TASK, {field})}}\n"
+
+
 SCENARIO = "name: lake\ntarget: Lake\nsources: [Pond]\nmethod: paddle\nframes: 256\nseeds: [0]\n"
 FEW = "--set num_envs=4 --set rollout_steps=16"
 
@@ -92,7 +101,8 @@ def test_from_training_to_a_transfer(file: Path, command: Command) -> None:
     told = command("resume", "run-1")
     assert told.code == 5 and told.err.endswith(
         "error: run-1 was learned on Lake, which this version doesn't have\n"
-        "use the version of paddlectl that learned it, install the plug-in, or add --tasks FILE.py\n"
+        "use the version of paddlectl that learned it, install the plug-in, "
+        "or name its file: --tasks FILE.py, in Python paddlectl.add_tasks(FILE)\n"
     )
     assert "'Lake'" in command("transfer", folder / "lake.yaml").err, "no scenario names code"
     Registry.open(folder / "registry").close()
@@ -139,8 +149,19 @@ def test_each_command_that_loads_tasks_has_the_option(name: str, command: Comman
         ("\nimport nowhere", "ModuleNotFoundError: No module named 'nowhere' (own.py, line 2)"),
         ("def f():\n    1 / 0\nf()", "ZeroDivisionError: division by zero (own.py, line 2)"),
         ("raise SystemExit(0)", "SystemExit: 0 (own.py, line 1)"),
-        ("", "AttributeError: module 'file_own' has no attribute 'TASKS'"),
-        ("TASKS = ['Cab']", "it gives list instead of collections.abc.Mapping"),
+        ("", "it has no TASKS"),
+        ("TASKS = ['Cab']", "it has list as TASKS"),
+        ("TASKS = {}", "its TASKS is empty"),
+        ("TASKS = {'Own': 3}", "Own of its TASKS is no task but int"),
+        (changed("horizon='x'"), "horizon must be a whole number of steps, not 'x' (own.py, line "),
+        (changed("horizon=True"), "horizon must be a whole number of steps, not True"),
+        (changed("milestones='gt_home()'"), "milestones must be a tuple of texts"),
+        (changed("exclusions=('a', 'b')"), "an exclusion must be a tuple of texts"),
+        (changed("predicates={'is_low(agent)': 5}"), "predicate is_low(agent) must be a function, not 5"),
+        (changed("predicates=[]"), "predicates must be a dict by atoms, not []"),
+        (changed("subgoals={'gt_home()': home}"), "subgoal gt_home() must be a Subgoal(reached, sees)"),
+        (changed("subgoals={'gt_home()': Subgoal(home, at, 3)}"), "available must be a function, not 3"),
+        (changed("success=None"), "success must be a function, not None"),
         ("TASKS = {'my task': print}", "no task can have the name 'my task'"),
         ("TASKS = {3: print}", "no task can have the name 3"),
         ("TASKS = {'GapBall': print}", "there is another task GapBall"),
@@ -160,10 +181,12 @@ def test_a_file_that_cant_be_used_is_told_with_its_line(
 @pytest.mark.parametrize(
     ("code", "told"),
     [
-        ("TASKS = {'Own': 3}", "TypeError: 'int' object is not callable"),
+        (changed("horizon=10**30"), "ValueError: horizon must be a whole number in 1..1,000,000, not 1000"),
+        (changed("frames=0"), "ValueError: frames must be a whole number in 1.."),
+        (changed("milestones=('gt_key()',)"), "milestone gt_key() is none of its subgoals"),
         ("TASKS = {'Own': lambda name: name}", "it gives str instead of paddlectl.tasks.base.Task"),
         ("def own(name):\n    return 1 / 0\nTASKS = {'Own': own}", "division by zero (own.py, line 2)"),
-        (CAB.replace("Cab", "Own").replace("riding}", "riding, 'x': riding}"), "ProgramSyntaxError"),
+        (CAB.replace("Cab", "Own").replace("riding}", "riding, 'x': riding}"), "expected '(' after 'x'"),
     ],
 )
 def test_a_task_that_cant_be_made_is_its_files_fault(
@@ -176,6 +199,28 @@ def test_a_task_that_cant_be_made_is_its_files_fault(
     assert answer.code == 1 and error.startswith(f"error: task Own of {own} can't be used: ")
     assert told in error and hint == f"mend {own}"
     assert "note: task Own" in command("tasks", "--tasks", own).err
+
+
+def test_a_listing_tries_the_tasks_of_a_file(file: Path, command: Command) -> None:
+    own = file.with_name("own.py")
+    own.write_text(changed("env='Nowhere-v0'").replace("{'Own'", "{'Lake': TASK, 'Own'"))
+    answer = command("tasks", "--tasks", own, "--json")
+    assert "Nowhere" in answer.err.splitlines()[-1] and answer.err.splitlines()[-1].startswith("note: ")
+    names = [task["name"] for task in answer.json["tasks"]]
+    assert "Lake" in names and "Own" not in names
+    named = command("tasks", "Own", "--tasks", own)
+    assert named.code == 1 and "its environment of task Own (Nowhere-v0) fails" in named.err
+
+
+def test_its_policy_is_there_for_python(file: Path, tmp_path: Path) -> None:
+    done(file.parent, f"train Lake --tasks lake.py --frames 64 {FEW}")
+    with pytest.raises(paddlectl.IntegrityError) as lacking:
+        paddlectl.load("policy-1", tmp_path / "registry")
+    assert "paddlectl.add_tasks(FILE)" in str(lacking.value.hint)
+    assert paddlectl.add_tasks(tmp_path / "lake.py") == ("Lake", "Pond")
+    assert paddlectl.load("Lake", tmp_path / "registry").task == "Lake"
+    with pytest.raises(paddlectl.NotFoundError):
+        paddlectl.add_tasks(tmp_path / "nowhere.py")
 
 
 def test_what_fails_while_it_learns_is_told_with_its_line(file: Path) -> None:

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -43,6 +44,14 @@ def ended(process):
     return process.returncode
 
 
+def hears_no_signal(process):
+    status = Path(f"/proc/{process}/status").read_text()
+    (line,) = (line for line in status.splitlines() if line.startswith("SigBlk"))
+    (other,) = (line for line in status.splitlines() if line.startswith("SigIgn"))
+    deaf = int(line.split()[1], 16) | int(other.split()[1], 16)
+    return all(deaf >> (number - 1) & 1 for number in (signal.SIGINT, signal.SIGTERM))
+
+
 # A terminal sends ^C to the whole group; kill and the like send SIGTERM to the one process.
 @pytest.mark.parametrize(
     ("send", "number", "code"), [(os.killpg, signal.SIGINT, 130), (os.kill, signal.SIGTERM, 143)]
@@ -63,6 +72,9 @@ def test_a_training_is_stopped_before_it_has_begun(tmp_path):
     process = train(tmp_path / "registry")
     wait_for(tmp_path / "registry" / "registry.db")
     time.sleep(0.3)  # its own process is being made
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    for child in children.read_text().split() if children.exists() else ():
+        assert hears_no_signal(child), "else what Python does at its start is told as a traceback"
     os.killpg(process.pid, signal.SIGINT)
     told = "1 run × 9,999,999 frames\nnot begun: BlockedDoor seed 0\ninterrupted\n"
     assert process.communicate(timeout=60) == ("", told)

@@ -274,7 +274,7 @@ def test_what_is_wrong_with_a_task_is_told_in_a_line(changes: dict[str, Any], to
     [
         ({"milestones": ("gt_high()",)}, "milestone gt_high() is none of its subgoals"),
         ({"domain_subgoals": ("gt_low()",)}, "gt_goal() is none of its domain_subgoals"),
-        ({"horizon": 0}, "horizon is a whole number from 1 on"),
+        ({"horizon": 0}, "horizon must be a whole number in 1..1,000,000, not 0"),
         ({"predicates": {"low": LAKE.success}}, "expected"),
         ({"predicates": {"!is_low(agent)": LAKE.success}}, "an atom is written like is_low(agent)"),
         ({"predicates": {f"is_{n}(x)".replace("_", "_n"): LAKE.success for n in range(17)}}, "17 predicates"),

@@ -311,7 +311,8 @@ def test_starts_are_spread_over_the_rooms(name):
     [
         ("BoxDor", "did you mean BoxDoor?"),
         ("doorball", "did you mean DoorBall"),
-        ("Chess", "tasks: BlockedDoor, GapBall"),
+        ("./Chess", "a task file ends in .yaml"),
+        ("Chess", "run: paddlectl tasks"),
     ],
 )
 def test_a_task_that_isn_t_there(typed, hint):

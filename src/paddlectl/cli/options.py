@@ -292,6 +292,20 @@ def asked_for(**columns: str | None) -> dict[str, str]:
     return {name: value for name, value in columns.items() if value is not None}
 
 
+def note_unknown(wanted: dict[str, str]) -> None:
+    """Says of a list that came out empty if there is no such task or method as it was asked for."""
+    from paddlectl.cli.texts import one_line
+    from paddlectl.methods import catalogue
+    from paddlectl.registry.names import nearest, shown
+    from paddlectl.tasks import suite
+
+    for noun, room in (("task", suite), ("method", catalogue)):
+        name = wanted.get(noun)
+        if name is not None and not room.known(name):
+            near = nearest(name, room.names()).removesuffix(" or ")
+            print(one_line(f"note: there is no {noun} {shown(name)}{near and f'; {near}'}"), file=sys.stderr)
+
+
 def most_rows(every: bool, limit: int | None) -> int | None:
     """How many rows `--all` and `--limit` ask for; None is all.
 

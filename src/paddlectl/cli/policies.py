@@ -9,6 +9,7 @@ from paddlectl.cli.options import (
     RegistryPlace,
     asked_for,
     most_rows,
+    note_unknown,
 )
 
 EXAMPLE = "Example: paddlectl policies --json"
@@ -31,6 +32,8 @@ def policies(
     most = most_rows(every, limit)
     wanted = asked_for(task=task, method=method)
     document = policies_document(*Registry.open(registry, create=False).newest_policies(most, wanted))
+    if not document["policies"]:
+        note_unknown(wanted)
     if as_json:
         print_json(document)
     else:

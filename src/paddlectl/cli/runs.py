@@ -17,6 +17,7 @@ from paddlectl.cli.options import (
     asked_for,
     complete_compared,
     most_rows,
+    note_unknown,
 )
 from paddlectl.errors import UsageError
 from paddlectl.registry.names import nearest, shown
@@ -89,7 +90,7 @@ def runs(
             "--since",
             parser=moment_of,
             metavar="WHEN",
-            help="Begun since: 2d, 12h, 30m ago; or a date, 2026-03-31.",
+            help="Begun since: 2d, 12h, 30m ago; or a date, 2026-03-31 or 2026-03-31T10:30.",
             show_default=False,
         ),
     ] = None,
@@ -118,16 +119,19 @@ def runs(
                 row["frames"] = max(row["frames"], _frames_so_far(opened, row))
         return found
 
-    def told() -> list[Any]:
-        found = document()
+    def told(found: dict[str, Any]) -> list[Any]:
         return listed(RUNS, found["runs"], found["total"])
 
+    if watch:
+        print_live(lambda: told(document()), SECONDS)
+        return
+    found = document()
+    if not found["runs"]:
+        note_unknown(wanted)
     if as_json:
-        print_json(document())
-    elif watch:
-        print_live(told, SECONDS)
+        print_json(found)
     else:
-        print_text(told())
+        print_text(told(found))
 
 
 def _frames_so_far(registry: "Registry", run: dict[str, Any]) -> int:

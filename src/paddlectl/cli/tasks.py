@@ -32,9 +32,11 @@ def tasks(
     from paddlectl.report.definitions import definition_lines
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TASKS, table
-    from paddlectl.tasks.suite import load, usable
+    from paddlectl.tasks.suite import load, require_made, usable
 
-    found = map(load, map(task_named, task)) if task else usable(_tell)
+    found = [*map(load, map(task_named, task))] if task else [*filter(_made, usable(_tell))]
+    for each in found if task else ():
+        require_made(each)
     rows = [_row(each) for each in found]
     if as_json:
         print_json({"tasks": rows})
@@ -61,6 +63,19 @@ def _row(task: "Task") -> dict[str, Any]:
         "presets": list(METHODS["hdm"].presets.get(task.domain, ())),
         "definition": definition,
     }
+
+
+def _made(task: "Task") -> bool:
+    """Whether its environment can be made, if it is of a file."""
+    from paddlectl.errors import PaddlectlError
+    from paddlectl.tasks.suite import require_made
+
+    try:
+        require_made(task)
+    except PaddlectlError as error:
+        _tell(error)
+        return False
+    return True
 
 
 def _tell(broken: "PaddlectlError") -> None:

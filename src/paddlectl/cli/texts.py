@@ -13,7 +13,7 @@ _KEY = re.compile(r"((?:password|passwd|pwd)=)[^\s&\"']+", re.IGNORECASE)
 
 _COMMAND = re.compile(
     r"paddlectl (compare|evaluate|explain|export|plot|policies|registry|resume|runs|show"
-    r"|similarity|sweep|train|transfer)\b"
+    r"|similarity|sweep|train|transfer|watch)\b"
     r"(?: [^\s,;()]+(?:,[^\s,;()]+)*)*"
 )
 _WITHOUT_TASKS = {"export", "policies", "registry", "runs"}

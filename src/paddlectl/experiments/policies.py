@@ -110,7 +110,7 @@ def needs_of(record: PolicyRecord | RunRecord) -> tuple[Task, Method]:
     try:
         task = load(task_of(record))
     except NotFoundError as error:
-        ways = "install the plug-in, or add --tasks FILE.py"
+        ways = "install the plug-in, or name its file: --tasks FILE.py, in Python paddlectl.add_tasks(FILE)"
         raise _lacking(record, f"on {shown(record.task)}", ways) from error
     try:
         return task, method_of(catalogue.MADE_AS.get(record.method, record.method))

@@ -10,6 +10,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext
 from pathlib import Path
@@ -61,6 +62,7 @@ def run_jobs(
     """
     os.environ["PYTHONSAFEPATH"] = "1"  # no file of the working folder is taken for one of Python's
     context = multiprocessing.get_context("spawn")
+    resource_tracker.ensure_running()  # or the first start would do it, and let signals through after it
     waiting = deque(enumerate(jobs))
     running: dict[Any, _Worker] = {}
     outcomes: dict[int, Outcome] = {}

@@ -12,6 +12,7 @@ environment that draws nothing by its seed, both splits are the same.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -23,6 +24,28 @@ from paddlectl.tasks.base import FRAMES, Environment, Split, Task, Vocabulary
 
 MOST_PREDICATES = 16
 """A program has a scene for each truth of all of them: twice as many with each."""
+
+# What the fields of a task are, and how that is said.
+_TEXT = (str, "a text")
+_FUNCTION = (Callable, "a function")
+_MAPPING = (Mapping, "a dict by atoms")
+_TEXTS = (tuple, 'a tuple of texts, ("gt_key()",)')
+_KINDS: dict[str, tuple[Any, str]] = {
+    "env": _TEXT,
+    "domain": _TEXT,
+    "summary": _TEXT,
+    "horizon": (int, "a whole number of steps"),
+    "frames": (int, "a whole number of steps"),
+    "own_reward": (int | float, "a number"),
+    "continuous": (bool, "True or False"),
+    "predicates": _MAPPING,
+    "subgoals": _MAPPING,
+    "options": (Mapping, "a dict"),
+    "milestones": _TEXTS,
+    "domain_subgoals": _TEXTS,
+    "exclusions": (tuple, 'a tuple of tuples of texts, (("has_key(agent)", "!is_seen(key)"),)'),
+    **dict.fromkeys(("success", "flat", "wrap", "state"), _FUNCTION),
+}
 
 
 def _unwrapped(env: Any) -> Any:
@@ -50,6 +73,11 @@ class Subgoal:
     sees: Callable[[Any], ArrayLike]
     available: Callable[[Any], bool] | None = None
     distance: Callable[[Any], float] | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value is not None or name in ("reached", "sees"):
+                _require(name, value, *_FUNCTION)
 
 
 @dataclass(frozen=True)
@@ -98,6 +126,23 @@ class GymnasiumTask:
     continuous: bool = False
     frames: int = FRAMES
 
+    def __post_init__(self) -> None:
+        """Refuses fields of another kind.
+
+        Raises:
+            TypeError: If one is.
+        """
+        for name, (kind, said) in _KINDS.items():
+            _require(name, getattr(self, name), kind, said)
+        for atom, predicate in self.predicates.items():
+            _require(f"predicate {atom}", predicate, *_FUNCTION)
+        for atom, subgoal in self.subgoals.items():
+            _require(f"subgoal {atom}", subgoal, Subgoal, "a Subgoal(reached, sees)")
+        for each in self.exclusions:
+            _require("an exclusion", each, *_TEXTS)
+        for text in (*self.milestones, *self.domain_subgoals, *chain(*self.exclusions)):
+            _require("an atom", text, *_TEXT)
+
     def __call__(self, name: str) -> Task:
         """The task of that name.
 
@@ -112,8 +157,6 @@ class GymnasiumTask:
             raise ValueError(f"milestone {unknown[0]} is none of its subgoals")
         if unknown := [text for text in self.subgoals if text not in self.whole_domain]:
             raise ValueError(f"{unknown[0]} is none of its domain_subgoals")
-        if self.horizon < 1:
-            raise ValueError(f"horizon is a whole number from 1 on, not {self.horizon}")
         return Task(
             name=name,
             domain=self.domain,
@@ -153,6 +196,11 @@ def _made(
         task, name, num_envs, seed, action_repeat, split
     )
     return lanes
+
+
+def _require(name: str, value: Any, kind: Any, said: str) -> None:
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        raise TypeError(f"{name} must be {said}, not {value!r}")
 
 
 def _literal(text: str) -> Literal:

@@ -1,5 +1,6 @@
 """The lanes of a task over a Gymnasium environment (`tasks.gymnasium`), stepped one after another."""
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -357,6 +358,7 @@ class GymnasiumEnvironment(Environment):
         Raises:
             PaddlectlError: If it can't.
         """
+        os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # Pygame looks for a screen, and complains
         inner = self._lanes[lane].unwrapped
         with self._blamed("render()"):
             inner.render_mode = "rgb_array"

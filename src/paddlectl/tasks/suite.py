@@ -11,15 +11,18 @@ from collections.abc import Callable, Iterator
 from difflib import get_close_matches
 from pathlib import Path
 
-from paddlectl.errors import NotFoundError, PaddlectlError
+from paddlectl.errors import InvalidFileError, NotFoundError, PaddlectlError
 from paddlectl.plugins import Plugins, attribute, load_file, require_kind
-from paddlectl.registry.fields import TASK
+from paddlectl.registry.fields import BUDGET, TASK
 from paddlectl.registry.names import is_id
 from paddlectl.tasks.base import DefinedTask, Task
 from paddlectl.tasks.maze2d import layouts as maze2d
 from paddlectl.tasks.minigrid import layouts as minigrid
 from paddlectl.tasks.minigrid.words import Defined, document_of
 from paddlectl.tasks.stock import families as stock
+
+HORIZONS = range(1, 10**6 + 1)
+"""Steps of an episode; of some environments the actions of those that go on are kept."""
 
 AnyTask = str | Defined
 """A task by its name, or as a task file defines it (`tasks.naming.given`)."""
@@ -37,9 +40,19 @@ def add_file(file: Path) -> tuple[str, ...]:
     """Runs a Python file and takes in its tasks, for this process; gives their names.
 
     Raises:
+        NotFoundError: If there is no such file.
         InvalidFileError: If it can't be used.
     """
+    if not file.is_file():
+        raise NotFoundError(f"no file {file}", "name a Python file")
     found = load_file(file, "TASKS")
+    if not found:
+        raise InvalidFileError(f"{file}: its TASKS is empty", 'write TASKS = {"MyTask": GymnasiumTask(…)}')
+    if wrong := [name for name, each in found.items() if not callable(each)]:
+        kind = type(found[wrong[0]]).__name__
+        raise InvalidFileError(
+            f"{file}: {wrong[0]} of its TASKS is no task but {kind}", "give a GymnasiumTask or a function"
+        )
     PLUGINS.add(file, found)
     return tuple(found)
 
@@ -75,12 +88,30 @@ def load(name: AnyTask) -> Task:
             raise ValueError(f"its task is called {task.name!r}")
         if not re.fullmatch(TASK, task.domain):
             raise ValueError(f"domain can't be {task.domain!r}")
+        _require_steps("horizon", task.horizon, HORIZONS)
+        _require_steps("frames", task.frames, BUDGET)
     return task
+
+
+def _require_steps(name: str, value: object, usual: range) -> None:
+    if not isinstance(value, int) or value not in usual:
+        raise ValueError(f"{name} must be a whole number in {usual[0]}..{usual[-1]:,}, not {value!r}")
 
 
 def _defined(spec: minigrid.Spec) -> Task:
     task: Task = attribute("paddlectl.tasks.minigrid.engine:task_of")(spec)
     return DefinedTask(**vars(task), told=json.dumps(document_of(spec)))
+
+
+def require_made(task: Task) -> None:
+    """Makes an environment of a task of a file that was taken in; of another task nothing.
+
+    Raises:
+        PaddlectlError: If it can't be made.
+    """
+    if PLUGINS.from_file(task.name):
+        with PLUGINS.using(task.name):
+            task.make(1, 0)
 
 
 def usable(tell: Callable[[PaddlectlError], None] = lambda _: None) -> Iterator[Task]:
@@ -97,6 +128,8 @@ def usable(tell: Callable[[PaddlectlError], None] = lambda _: None) -> Iterator[
 
 
 def _suggestion(name: str) -> str:
+    if "/" in name:
+        return "a task file ends in .yaml"
     by_lower = {known.lower(): known for known in names()}
     near = [by_lower[match] for match in get_close_matches(name.lower(), by_lower, n=3)]
-    return f"did you mean {' or '.join(near)}?" if near else f"tasks: {', '.join(names())}"
+    return f"did you mean {' or '.join(near)}?" if near else "run: paddlectl tasks"
