@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from readme_table import tables
+from tables import tables
 
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.curves import LearningCurve, in_order

@@ -11,8 +11,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from paddlectl.studies.cells import cells_of
 from paddlectl.studies.comparison import comparison_document
 from paddlectl.studies.results import Result, read_results
+from paddlectl.studies.study import load_study
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "paper"
@@ -24,22 +26,48 @@ Document = dict[str, Any]
 
 
 def main() -> None:
-    parts = [part for name in ORDER if (RESULTS / f"{name}.json").exists() for part in study(name)]
+    parts = [
+        part for name in ORDER for part in (study(name) if done(name) == cells(name) else unfinished(name))
+    ]
     PAGE.write_text("\n\n".join([*head(), *parts]) + "\n", encoding="utf-8")
+
+
+def cells(name: str) -> int:
+    """How many transfers a study has."""
+    return len(cells_of(load_study(STUDIES / f"{name}.yaml")))
+
+
+def done(name: str) -> int:
+    """How many of them have a result."""
+    path = RESULTS / f"{name}.json"
+    return len(read_results(path)) if path.exists() else 0
+
+
+def unfinished(name: str) -> Iterator[str]:
+    """What stands for a study that isn't whole: no figure of it says anything yet."""
+    yield f"## {name}"
+    yield f"{purpose(name)} {done(name)} of {cells(name)} transfers are there, so there is no result yet."
+
+
+def purpose(name: str) -> str:
+    """The first comment of a study's file."""
+    first = (STUDIES / f"{name}.yaml").read_text(encoding="utf-8").splitlines()[0]
+    return first.removeprefix("# ")
 
 
 def head() -> Iterator[str]:
     yield "# Results"
     yield (
-        "The studies of `scenarios/paper/`, whole. `make paper` runs what is missing of them and writes this "
-        "page from `benchmarks/paper/`; `paddlectl compare benchmarks/paper/fig4.json` shows the same in a "
-        "terminal, with every figure. Seeds are paired: a transfer reuses sources of its own seed. Area, "
-        "jump-start and final score are explained in README.md; here they are interquartile means over seeds "
-        "with 95 % intervals, bold where they are the best or not told apart from it. *Unseen* is the share "
-        "of 200 layouts that no training uses which the worst seed's policy solves, *steps* the mean length "
-        "of those episodes, *sources* the frames that training the sources took, which count for no method. "
-        "P is the probability that PADDLE does better than the other one; it is said to be ahead or behind "
-        "only where its whole interval is above or below 0.5."
+        "The studies of `scenarios/paper/`. `make paper` runs what is missing of them and writes this "
+        "page from `benchmarks/paper/`; `paddlectl compare benchmarks/paper/fig4.json` shows the same in "
+        "a terminal, with every figure. Seeds are paired: a transfer reuses sources of its own seed. "
+        "Area, jump-start and final score are explained in the [glossary](glossary.md); here they are "
+        "interquartile means over seeds with 95 % intervals, bold where they are the best or not told "
+        "apart from it. *Unseen* is the share of 200 layouts that no training uses which the worst seed's"
+        " policy solves, *steps* the mean length of those episodes, *sources* the frames that training "
+        "the sources took, which count for no method. P is the probability that PADDLE does better than "
+        "the other one; it is said to be ahead or behind only where its whole interval is above or below "
+        "0.5."
     )
 
 
@@ -47,9 +75,8 @@ def study(name: str) -> Iterator[str]:
     """A study's part of the page."""
     results = read_results(RESULTS / f"{name}.json")
     document = comparison_document(results)
-    first = (STUDIES / f"{name}.yaml").read_text(encoding="utf-8").splitlines()[0]
     yield f"## {name}"
-    yield f"{first.removeprefix('# ')} {_made_by(results)}"
+    yield f"{purpose(name)} {_made_by(results)}"
     yield _table(
         (
             "scenario",

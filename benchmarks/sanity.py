@@ -11,7 +11,7 @@ The checks, with three seeds each; a method that fails its own is a bug, not a r
               learner with as many frames: `ppo`, and for `qmp` the same DQN without a source
 
 Runs go through `experiments.processes.run_jobs`, as those of `paddlectl train` and `transfer` do; each part
-is merged into the JSON result, and `python benchmarks/readme_table.py` puts it into docs/methods.md:
+is merged into the JSON result, and `python benchmarks/tables.py` puts it into docs/methods.md:
 
     python benchmarks/sanity.py
     python benchmarks/sanity.py --methods ppo cup --seeds 10 11 12

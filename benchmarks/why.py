@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from learning import BUDGETS, HERE, commit, machine, scenario_of, sources_of
-from readme_table import why_table
+from tables import why_table
 
 from paddlectl.registry.store import Registry
 

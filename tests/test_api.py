@@ -3,6 +3,7 @@
 import gzip
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -142,6 +143,17 @@ def test_act_earns_what_an_evaluation_earns(place: Path) -> None:
     played = play(paddlectl.load("BoxDoor", seed=7), env, layouts)
     assert played == evaluated(place, layouts, seed=7)
     assert sum(score > 0.9 for _, score in played) == LAYOUTS
+
+
+def test_the_example_of_the_documents_runs(place: Path) -> None:
+    (code,) = {
+        found
+        for page in ("README.md", "docs/python.md")
+        for found in re.findall(r"```python\n(.*?)```", (ROOT / page).read_text("utf-8"), re.DOTALL)
+    }
+    names: dict[str, Any] = {}
+    exec(code, names)
+    assert names["env"].unwrapped.step_count == 1
 
 
 def test_act_is_told_by_its_seed_whoever_takes_turns(bundle: Path) -> None:

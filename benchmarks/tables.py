@@ -1,6 +1,6 @@
-"""The tables of the result files, put between the marks of README.md, docs/methods.md and docs/guidance.md.
+"""The tables of the result files, put between the marks of README.md and docs/.
 
-python benchmarks/readme_table.py
+python benchmarks/tables.py
 """
 
 import argparse
@@ -164,6 +164,22 @@ def compared(results: Run) -> str:
     return _markdown(rows) if len(rows) > 1 else ""
 
 
+def headline(results: Run) -> str:
+    """Markdown: mean area of `paddle` and its rivals, a row a scenario."""
+    by_name: dict[tuple[str, str, str | None], list[float]] = {}
+    for run in results["runs"].values():
+        if run["kind"] == "transfer":
+            key = run["method"], run["task"], run["scenario"]
+            by_name.setdefault(key, []).append(run["area_under_curve"])
+    rows = [["scenario", "target", "`paddle`", *(f"`{rival}`" for rival in RIVALS)]]
+    for (method, task, scenario), ours in sorted(by_name.items(), key=lambda each: str(each[0][::-1])):
+        if method == "paddle" and scenario in SCENARIOS:
+            theirs = [by_name[rival, task, None if rival == "hdm" else scenario] for rival in RIVALS]
+            means = [f"{np.mean(areas):.2f}" for areas in (ours, *theirs)]
+            rows.append([str(scenario), task, *means])
+    return _markdown(rows)
+
+
 def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> list[str]:
     """Means, paired difference and P(improvement) with 95 % bootstrap intervals over seeds, and a verdict."""
     rng, n = np.random.default_rng(0), len(ours)
@@ -236,7 +252,8 @@ def check_tables(results: Run) -> str:
     runs = [{"name": key.rpartition(" seed ")[0], **run} for key, run in results["runs"].items()]
     told = (
         "Median over seeds (the worst seed in brackets). Success and steps: 200 layouts or starts never "
-        "trained on. Jump-start, area and frames to 0.97 as in README.md. Seconds: one process of two side "
+        "trained on. Jump-start and area as in the glossary; frames to 0.97 as on the page of measurements. "
+        "Seconds: one process of two side "
         f"by side, on a machine with other work. Commit {', '.join(sorted({r['commit'] for r in runs}))}; "
         f"{'; '.join(_machines(runs))}; {', '.join(_versions(runs))}; {results['written'][:10]}."
     )
@@ -324,14 +341,17 @@ def main() -> None:
     parser.add_argument("--sanity", type=Path, default=HERE / "sanity.json")
     parser.add_argument("--why", type=Path, default=HERE / "why.json")
     parser.add_argument("--guidance", type=Path, default=HERE.parent / "docs" / "guidance.md")
+    parser.add_argument("--page", type=Path, default=HERE.parent / "docs" / "benchmarks.md")
     parser.add_argument("--readme", type=Path, default=HERE.parent / "README.md")
     parser.add_argument("--methods", type=Path, default=HERE.parent / "docs" / "methods.md")
     options = parser.parse_args()
-    text = options.readme.read_text()
+    text = options.page.read_text()
     text = _put(text, "results", tables(json.loads(options.results.read_text())))
     text = _put(text, "compared", compared(json.loads(options.results.read_text())))
     text = _put(text, "maze", maze_tables(json.loads(options.maze.read_text())))
-    options.readme.write_text(text)
+    options.page.write_text(text)
+    readme = _put(options.readme.read_text(), "headline", headline(json.loads(options.results.read_text())))
+    options.readme.write_text(readme)
     if options.why.exists():
         why = why_table(json.loads(options.why.read_text())["runs"])
         options.guidance.write_text(_put(options.guidance.read_text(), "why", why))
