@@ -28,7 +28,7 @@ FLOOR = {
 HOMES = {
     "torch": {"learners", "agents", "hybrid", "transfer", "methods", "experiments"},
     "gymnasium": {"tasks"}, "minigrid": {"tasks"}, "gymnasium_robotics": {"tasks"}, "mujoco": {"tasks"},
-    "sympy": {"logic"}, "psycopg": {"registry.index"}, "alembic": {"registry.index", "registry.migrations"},
+    "psycopg": {"registry.index"}, "alembic": {"registry.index", "registry.migrations"},
     "sqlalchemy": {
         "registry.schema", "registry.index", "registry.migrations",
         "registry.care", "registry.store", "registry.bundles",

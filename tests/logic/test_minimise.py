@@ -139,15 +139,14 @@ def sparse(atoms, possible, seed):
 @pytest.mark.parametrize(("atoms", "possible"), [(7, 20), (8, 12), (8, 40), (9, 30), (10, 30), (12, 20)])
 def test_many_atoms_stay_right_and_quick(atoms, possible):
     program, impossible = sparse(atoms, possible, seed=atoms)
-    minimise(*sparse(2, 2, seed=0))  # loads sympy
     began = time.process_time()
     short = minimise(program, impossible)
-    assert time.process_time() - began < 3.0
+    assert time.process_time() - began < 1.0
     assert_same_heads(program, impossible)
     assert len(short) < possible and max(len(clause.body) for clause in short) < 7
 
 
-def test_a_head_that_needs_more_atoms_than_can_be_minimised_keeps_its_clauses():
+def test_a_head_that_needs_every_atom_keeps_its_clauses():
     odd = [body for body in scenes(ATOMS[:9]) if sum(literal.positive for literal in body) % 2]
     program = Program(tuple(Clause(HEADS[0], body) for body in odd), (1.0,) * len(odd))
     assert set(minimise(program, ())) == set(program.clauses)

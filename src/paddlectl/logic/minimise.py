@@ -1,27 +1,27 @@
-"""A program in its fewest, shortest clauses, by sympy's Quine-McCluskey (`SOPform`)."""
+"""A program in few, short clauses: each head's prime implicants, of which the fewest are sought greedily.
 
+The prime implicants of a scene are the minimal sets of its literals that tell it from every scene where the
+head must not fire: minimal hitting sets, found one difference at a time (Berge, 1989).
+"""
+
+from collections import Counter
 from collections.abc import Iterable
-from itertools import product
 
 from paddlectl.logic.atoms import Atom, Literal
 from paddlectl.logic.clauses import Body, Clause, Program, body_text
 
-# SOPform with mostly don't-cares, seconds a head: 0.08 for 7 atoms, 0.9 for 8, 9 for 9.
-_QUICK_ATOMS = 7
-_MOST_NEEDED = 8
 MOST_ATOMS = 12
 
-_Row = tuple[bool, ...]
+_Cube = tuple[int, int]
+"""Which atoms count, and the truth that these must have, as bits."""
 
 
 def minimise(program: Program, impossible: Iterable[Body], threshold: float = 0.1) -> tuple[Clause, ...]:
     """Finds short clauses that fire the same heads in every possible scene.
 
     A head's clauses with a probability of at least `threshold` are its ones, impossible scenes are
-    don't-cares, all other scenes are zeros. An empty body in the result means: always. Above seven atoms,
-    those that the head can do without are dropped first, which is quick but may miss the very shortest
-    form. A head that needs more than eight, or a program over more than twelve, keeps its clauses as they
-    are.
+    don't-cares, all other scenes are zeros. An empty body in the result means: always. A program over more
+    than twelve atoms keeps its clauses as they are.
 
     Args:
         program: Clauses whose bodies are all over the same atoms.
@@ -59,51 +59,48 @@ def _shared_atoms(bodies: list[Body]) -> tuple[Atom, ...]:
 
 
 def _fewest(bodies: list[Body], ignored: frozenset[Body], atoms: tuple[Atom, ...]) -> list[Body]:
-    """The fewest bodies that hold in `bodies` and in no other scene outside `ignored`."""
+    """Few bodies that hold in `bodies` and in no other scene outside `ignored`."""
     if len(atoms) > MOST_ATOMS:
         return bodies
     skipped = {_row(body, atoms) for body in ignored}
     ones = {_row(body, atoms) for body in bodies} - skipped
-    zeros = set(product((False, True), repeat=len(atoms))) - ones - skipped
-    needed = atoms
-    while len(needed) > _QUICK_ATOMS and (column := _spare_column(ones, zeros)) is not None:
-        needed = needed[:column] + needed[column + 1 :]
-        ones, zeros = _without(ones, column), _without(zeros, column)
-    return bodies if len(needed) > _MOST_NEEDED else _sum_of_products(ones, zeros, needed)
-
-
-def _row(body: Body, atoms: tuple[Atom, ...]) -> _Row:
-    return tuple(Literal(atom) in body for atom in atoms)
-
-
-def _without(rows: set[_Row], column: int) -> set[_Row]:
-    return {row[:column] + row[column + 1 :] for row in rows}
-
-
-def _spare_column(ones: set[_Row], zeros: set[_Row]) -> int | None:
-    """The column without which ones and zeros still differ, and the fewest distinct rows are left."""
-    width = len(next(iter(ones | zeros), ()))
-    left = {column: (_without(ones, column), _without(zeros, column)) for column in range(width)}
-    sizes = {c: len(one) + len(zero) for c, (one, zero) in left.items() if one.isdisjoint(zero)}
-    return min(sizes, key=lambda column: sizes[column], default=None)
-
-
-def _sum_of_products(ones: set[_Row], zeros: set[_Row], atoms: tuple[Atom, ...]) -> list[Body]:
-    # Imported here: it takes longer to load than all the rest of the logic room to run.
-    from sympy import And, Dummy, Not, Or, true
-    from sympy.logic import SOPform
-
-    if not ones or not zeros:
-        return [frozenset()] if ones else []
-    free = [row for row in product((False, True), repeat=len(atoms)) if row not in ones and row not in zeros]
-    literals = {Dummy(f"x{index:02}"): Literal(atom) for index, atom in enumerate(atoms)}
-    literals |= {Not(symbol): ~literal for symbol, literal in literals.items()}
-    form = SOPform(list(literals)[: len(atoms)], _integers(ones), _integers(free))
+    zeros = set(range(2 ** len(atoms))) - ones - skipped
     return [
-        frozenset(literals[factor] for factor in And.make_args(term) if factor is not true)
-        for term in Or.make_args(form)
+        frozenset(Literal(atom, bool(truth >> bit & 1)) for bit, atom in enumerate(atoms) if mask >> bit & 1)
+        for mask, truth in _cover({one: _primes(one, zeros) for one in ones})
     ]
 
 
-def _integers(rows: Iterable[_Row]) -> list[list[int]]:
-    return [[int(value) for value in row] for row in sorted(rows)]
+def _row(body: Body, atoms: tuple[Atom, ...]) -> int:
+    return sum(1 << bit for bit, atom in enumerate(atoms) if Literal(atom) in body)
+
+
+def _primes(one: int, zeros: set[int]) -> set[_Cube]:
+    """The largest cubes around `one` without any of `zeros`."""
+    masks = [0]
+    for difference in _least(one ^ zero for zero in zeros):
+        bits = [1 << bit for bit in range(difference.bit_length()) if difference >> bit & 1]
+        hit = [mask for mask in masks if mask & difference]
+        masks = _least([*hit, *(mask | bit for mask in masks if not mask & difference for bit in bits)])
+    return {(mask, one & mask) for mask in masks}
+
+
+def _least(masks: Iterable[int]) -> list[int]:
+    """Those that contain no other one."""
+    least: list[int] = []
+    for mask in sorted(set(masks), key=lambda mask: (mask.bit_count(), mask)):
+        if not any(mask & other == other for other in least):
+            least.append(mask)
+    return least
+
+
+def _cover(primes: dict[int, set[_Cube]]) -> list[_Cube]:
+    """Cubes that cover every key, of those around each: the only ones first, then by their gain."""
+    chosen = {cube for cubes in primes.values() if len(cubes) == 1 for cube in cubes}
+    while left := [cubes for cubes in primes.values() if not cubes & chosen]:
+        gain = Counter(cube for cubes in left for cube in cubes)
+        chosen.add(min(gain, key=lambda cube: (-gain[cube], cube[0].bit_count(), cube)))
+    for cube in sorted(chosen):
+        if all(cubes & chosen - {cube} for cubes in primes.values()):
+            chosen.remove(cube)
+    return sorted(chosen)
