@@ -6,14 +6,14 @@ notebook, by a line now and then. ^C ends it, and `paddlectl resume` goes on wit
 """
 
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
-from paddlectl.cli.named import policy_named
+from paddlectl.cli.named import labels_of, policy_named
 from paddlectl.cli.options import REGISTRY, at_home, place
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry.fields import MOST_FRAMES, SEEDS
@@ -202,6 +202,8 @@ def train(
     frames: int | None = None,
     method: str = "hdm",
     registry: "Place" = None,
+    name: str | None = None,
+    tags: Sequence[str] = (),
 ) -> Result:
     """Learns a task from scratch and keeps what was learned, as `paddlectl train`.
 
@@ -211,6 +213,8 @@ def train(
         frames: At most so many environment steps; None is the method's own budget.
         method: By which.
         registry: Where it is kept; made where there is none.
+        name: What to call the run, instead of its id.
+        tags: Words to find it by.
 
     Raises:
         NotFoundError: If there is no such task or file.
@@ -222,7 +226,9 @@ def train(
     _require_seed(seed)
     _require_frames(frames)
     (job,) = train_jobs([os.fspath(task)], [seed], frames, None, method)
-    return _trained(job, _place(registry))
+    location = _place(registry)
+    labels = labels_of(name, tags, 1, location)
+    return _trained(replace(job, **labels._asdict()), location)
 
 
 def transfer(
@@ -232,6 +238,8 @@ def transfer(
     frames: int | None = None,
     registry: "Place" = None,
     train_missing: bool = False,
+    name: str | None = None,
+    tags: Sequence[str] = (),
 ) -> Result:
     """Learns a scenario's target with policies of its sources, as `paddlectl transfer`.
 
@@ -242,6 +250,8 @@ def transfer(
         frames: Environment steps, instead of the scenario's.
         registry: Where the sources are, and what is learned is kept.
         train_missing: Whether to train the sources that the registry lacks.
+        name: What to call the run, instead of its id.
+        tags: Words to find it by.
 
     Raises:
         NotFoundError: If the file or a source isn't there.
@@ -260,11 +270,12 @@ def transfer(
     _require_seed(seed)
     _require_frames(frames)
     location = _place(registry)
+    labels = labels_of(name, tags, 1, location)
     if train_missing:
         for missing in missing_of(asked, by, (seed,), location):
             _trained(missing, location)
     sources = sources_of(asked, by, (seed,), location, train_missing=False)
-    (each,) = asked_for(asked, sources.ids, by, frames or asked.frames, Changes({}, {}))
+    (each,) = asked_for(asked, sources.ids, by, frames or asked.frames, Changes({}, {}), labels)
     from paddlectl.experiments.runner import run_transfer
 
     return _run(each.job, location, each.name, run_transfer)
@@ -317,7 +328,7 @@ def runs(registry: "Place" = None, limit: int | None = None) -> Runs:
 def _flat(row: dict[str, Any]) -> dict[str, Any]:
     """With the results that all methods know as fields of their own."""
     results = row.pop("results")
-    row["sources"] = " ".join(row["sources"])
+    row |= {field: " ".join(row[field]) for field in ("sources", "tags")}
     return row | {name: results.get(name) for name in _FIGURES}
 
 

@@ -30,7 +30,7 @@ def test_a_sound_registry(registry: Registry, command: Command) -> None:
     assert document["bytes"] > 100
     assert command("registry", "repair").out == "nothing to mend\n"
     assert command("registry", "gc", "--json").json == {"removed": [], "bytes": 0}
-    assert command("registry", "upgrade", "--json").json == {"schema": "0004"}
+    assert command("registry", "upgrade", "--json").json == {"schema": "0005"}
 
 
 def test_a_fault_is_shown_told_by_the_exit_code_and_mended(registry: Registry, command: Command) -> None:
@@ -121,7 +121,7 @@ def test_an_older_registry_is_upgraded(command: Command, tmp_path: Path) -> None
         command("registry", "check", "--registry", place, "--json").json["findings"][0]["kind"]
         == "older schema"
     )
-    assert command("registry", "upgrade", "--registry", place).out == "the registry has schema 0004\n"
+    assert command("registry", "upgrade", "--registry", place).out == "the registry has schema 0005\n"
     assert len(list(place.glob("registry.db.0001.*"))) == 1
     assert "stopped run" in command("registry", "check", "--registry", place).out
 

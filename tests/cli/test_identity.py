@@ -223,6 +223,7 @@ def test_an_older_database_gets_an_identity_unless_its_folder_is_anothers(
     rows, name = Registry.open(address).runs(), database_in(address)
     (tmp_path / "files/identity").unlink()
     postgres.run("DROP TABLE identity", name)
+    postgres.run("ALTER TABLE runs DROP COLUMN name, DROP COLUMN tags", name)
     postgres.run("UPDATE alembic_version SET version_num = '0002'", name)
     shutil.copytree(another, tmp_path / "older")
     (tmp_path / "older/identity").unlink()

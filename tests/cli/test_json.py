@@ -63,7 +63,8 @@ def test_what_reads(fits: Any, registry: Registry) -> None:
         ("similarity", f"--target {TARGET}"), ("export", "run-3 --csv"), ("export", "run-1"),
     ):  # fmt: skip
         assert fits(name, line)
-    assert fits("explain", run.id)["program"] is None
+    assert fits("label", f"{run.id} --name first --tag a")["runs"][0]["tags"] == ["a"]
+    assert fits("explain", "first")["program"] is None
     assert fits("export", run.id)["tables"]["reuse"]
 
 

@@ -22,8 +22,8 @@ from released import SCHEMAS, rebuilt
 SECOND = """
 from alembic import op
 import sqlalchemy as sa
-revision = "0005"
-down_revision = "0004"
+revision = "0006"
+down_revision = "0005"
 
 def upgrade():
     with op.batch_alter_table("runs") as batch:
@@ -33,7 +33,10 @@ def upgrade():
 """
 
 
-RUN = "INSERT INTO runs VALUES (7,'train','hdm','T',NULL,'[]',0,'running','{}','{}',0,0,0.0,'{}','t',NULL,0)"
+RUN = (
+    "INSERT INTO runs VALUES "
+    "(7,'train','hdm','T',NULL,'[]',0,'running','{}','{}',0,0,0.0,'{}','t',NULL,0,NULL,'[]')"
+)
 POLICY = "INSERT INTO policies VALUES (3,7,'T','d','hdm',0,0,'','x',0.0,0.0,0.0,0.0,'t','{}')"
 
 
@@ -95,7 +98,7 @@ def test_how_a_registry_is_kept(registry: Registry, location: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("stamp", ["0005", "9f3c1a", "0000"])
+@pytest.mark.parametrize("stamp", ["0006", "9f3c1a", "0000"])
 def test_another_versions_registry_is_refused_byte_for_byte(
     registry: Registry, add: Any, location: Path, stamp: str
 ) -> None:
@@ -120,7 +123,7 @@ def test_another_versions_registry_is_refused_byte_for_byte(
 
 
 @pytest.mark.parametrize(
-    "change", ["DELETE FROM alembic_version", "INSERT INTO alembic_version VALUES ('0005')"]
+    "change", ["DELETE FROM alembic_version", "INSERT INTO alembic_version VALUES ('0006')"]
 )
 def test_a_registry_without_one_clear_stamp_is_damaged(
     registry: Registry, location: Path, change: str
@@ -146,7 +149,7 @@ def test_a_released_schema_is_upgraded_row_for_row(released: str, registry: Regi
         assert opened.resume_run("run-3").resumes == 1
         opened.finish_run("run-3", status="interrupted", frames=4096, episodes=7, seconds=2.0, results={})
     after = {table: _query(place / "registry.db", f"SELECT * FROM {table} ORDER BY id") for table in tables}
-    kept = len(schema.runs.columns) - 2  # not when a run ended, nor how often it was resumed
+    kept = schema.runs.columns.keys().index("finished")  # and what follows wasn't there, or changed
     assert [row[:kept] for row in after["runs"]] == [row[:kept] for row in before["runs"]]
     assert after["policies"] == before["policies"]
     assert _layout(place / "registry.db") == _layout(Path(registry.location) / "registry.db")
@@ -210,9 +213,9 @@ def next_version(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     folder = tmp_path / "100% migrations"
     shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(database, "MIGRATIONS", folder)
-    monkeypatch.setattr(schema, "REVISIONS", (*schema.REVISIONS, "0005"))
+    monkeypatch.setattr(schema, "REVISIONS", (*schema.REVISIONS, "0006"))
     monkeypatch.setattr("paddlectl.registry.index.index.REVISIONS", schema.REVISIONS)
-    return folder / "versions" / "0005_note.py"
+    return folder / "versions" / "0006_note.py"
 
 
 def test_an_older_registry_is_copied_and_upgraded(
@@ -225,12 +228,12 @@ def test_an_older_registry_is_copied_and_upgraded(
     before = _query(path, "SELECT * FROM runs")
     Registry.open(location, create=False)
     Registry.open(location, create=False)
-    assert _query(path, "SELECT version_num FROM alembic_version") == [("0005",)]
+    assert _query(path, "SELECT version_num FROM alembic_version") == [("0006",)]
     assert _query(path, "SELECT * FROM runs") == [(*before[0], None)]
     assert _query(path, "SELECT id, run FROM policies") == [(3, 7)]
-    (copy,) = location.glob("registry.db.0004.*")
+    (copy,) = location.glob("registry.db.0005.*")
     assert _query(copy, "SELECT * FROM runs") == before
-    assert _query(copy, "SELECT version_num FROM alembic_version") == [("0004",)]
+    assert _query(copy, "SELECT version_num FROM alembic_version") == [("0005",)]
     with pytest.raises(sqlite3.IntegrityError):  # the foreign key outlived the move of its table
         connection = sqlite3.connect(path)
         connection.execute("PRAGMA foreign_keys=ON")
@@ -250,7 +253,7 @@ def test_a_failed_upgrade_leaves_the_registry_as_it_was_and_may_be_tried_again(
     next_version.write_text(SECOND.format(then=""))
     Registry.open(location)
     assert not _query(path, "SELECT name FROM sqlite_master WHERE name LIKE '_alembic_tmp%'")
-    assert _query(path, "SELECT version_num FROM alembic_version") == [("0005",)]
+    assert _query(path, "SELECT version_num FROM alembic_version") == [("0006",)]
 
 
 def test_an_upgrade_that_orphans_rows_is_undone(

@@ -31,6 +31,7 @@ COMMANDS = {
     "policies": "List the policies in the registry, newest first.",
     "runs": "List the runs in the registry, newest first.",
     "show": "Show a policy's clause program, raw and minimised, or a run; and by which numbers it learned.",
+    "label": "Give runs a name or tags, to find them by.",
     "similarity": "Show Ψ: for each scene of the target the best scenes of each source, and their ψ.",
     "transfer": "Learn a scenario's target, guided by policies of its sources.",
     "sweep": "Run what is missing of a study, its sources included.",

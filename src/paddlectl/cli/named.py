@@ -1,14 +1,15 @@
 """Policies by the names that a user types, and what can be done where there is none."""
 
+from contextlib import suppress
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from paddlectl.errors import NotFoundError
+from paddlectl.errors import NotFoundError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from paddlectl.registry.records import PolicyRecord
+    from paddlectl.registry.records import PolicyRecord, RunRecord
     from paddlectl.registry.store import Registry
     from paddlectl.tasks.suite import AnyTask
 
@@ -24,6 +25,65 @@ def task_named(text: str) -> "AnyTask":
     from paddlectl.tasks.naming import given
 
     return given(at_home(text))
+
+
+class Labels(NamedTuple):
+    """What new runs are called, as a job has it."""
+
+    name: str | None = None
+    tags: tuple[str, ...] = ()
+
+
+UNLABELLED = Labels()
+
+
+def labels_of(name: str | None, tags: "Sequence[str] | None", count: int, location: str) -> Labels:
+    """What `--name` and `--tag` say of so many runs.
+
+    Raises:
+        UsageError: If several would have one name, or another run or a task has it, or something can't be a
+            name or a tag.
+    """
+    from paddlectl.registry.index.labels import row_of
+    from paddlectl.registry.store import Registry
+
+    if name is None and not tags:
+        return UNLABELLED
+    row_of(name, tags or ())
+    if name is not None:
+        if count > 1:
+            raise UsageError(f"--name is of one run, and {count} are asked for", "use --tag")
+        require_no_task(name)
+        with suppress(NotFoundError), Registry.open(location, create=False) as opened:
+            opened.require_free(name)
+    return Labels(name, tuple(tags or ()))
+
+
+def require_no_task(name: str) -> None:
+    """Refuses a name for a run that is a task's.
+
+    Raises:
+        UsageError: If it is.
+    """
+    from paddlectl.tasks.suite import known
+
+    if known(name):
+        raise UsageError(f"{name} is a task", "choose another name for the run")
+
+
+def held(registry: "Registry", name: str) -> "RunRecord | PolicyRecord":
+    """The run of an id or of its user's name; else the policy of an id, or the best one of a task.
+
+    Raises:
+        NotFoundError: If there is none.
+        UsageError: If the name is of several tasks, each defined in a file.
+        InvalidFileError: If the file isn't a task.
+    """
+    from paddlectl.registry.names import number_of
+
+    if number_of(name, "run") is not None:
+        return registry.run(name)
+    return registry.run_called(name) or policy_named(registry, name)
 
 
 def policy_named(registry: "Registry", name: str) -> "PolicyRecord":

@@ -266,6 +266,21 @@ Changed = Annotated[
         show_default=False,
     ),
 ]
+RunName = Annotated[
+    str | None,
+    typer.Option(
+        "--name",
+        metavar="NAME",
+        help="What to call the run, instead of its id; of one run only.",
+        show_default=False,
+    ),
+]
+Tags = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--tag", metavar="TAG", help="A word to find the runs by; repeat for more.", show_default=False
+    ),
+]
 ManySeeds = Annotated[
     str | None,
     typer.Option(

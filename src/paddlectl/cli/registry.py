@@ -169,18 +169,17 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write a policy, or a run with its tables, as one file: a zipped model folder with its card."""
-    from paddlectl.cli.named import policy_named
+    from paddlectl.cli.named import held
     from paddlectl.registry.bundles import bundles
-    from paddlectl.registry.names import number_of
+    from paddlectl.registry.records import RunRecord
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import clean, print_json, print_text
     from paddlectl.tasks.naming import is_file
 
     with Registry.open(registry, create=False) as opened:
-        if number_of(name, "run") is None:
-            record = policy_named(opened, name)
-            name = record.id if is_file(name) else name
-        told = bundles.export(opened, name, file)
+        record = held(opened, name)
+        known = isinstance(record, RunRecord) or is_file(name)
+        told = bundles.export(opened, record.id if known else name, file)
     if as_json:
         print_json(told)
     else:

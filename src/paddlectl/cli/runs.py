@@ -84,6 +84,9 @@ def runs(
             show_default=False,
         ),
     ] = None,
+    tag: Annotated[
+        str | None, typer.Option("--tag", metavar="TAG", help="With this tag.", show_default=False)
+    ] = None,
     since: Annotated[
         str | None,
         typer.Option(
@@ -104,10 +107,10 @@ def runs(
     from paddlectl.registry.store import Registry
     from paddlectl.report.documents import runs_document
     from paddlectl.report.output import print_json, print_live, print_text
-    from paddlectl.report.tables import RUNS, listed
+    from paddlectl.report.tables import NAMED_RUNS, RUNS, listed
 
     most = most_rows(every, limit)
-    wanted = asked_for(status=status, task=task, method=method, scenario=scenario)
+    wanted = asked_for(status=status, task=task, method=method, scenario=scenario, tag=tag)
     if watch and (as_json or not sys.stdout.isatty()):
         raise UsageError("--watch needs a terminal", "leave it out")
     opened = Registry.open(registry, create=False)
@@ -120,7 +123,8 @@ def runs(
         return found
 
     def told(found: dict[str, Any]) -> list[Any]:
-        return listed(RUNS, found["runs"], found["total"])
+        named = any(row["name"] for row in found["runs"])
+        return listed(NAMED_RUNS if named else RUNS, found["runs"], found["total"])
 
     if watch:
         print_live(lambda: told(document()), SECONDS)

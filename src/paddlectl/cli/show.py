@@ -15,7 +15,7 @@ def show(
         typer.Argument(
             metavar="POLICY|RUN",
             autocompletion=complete_held,
-            help="A policy's or a run's id, or a task's name for its best policy.",
+            help="A policy's or a run's id, a run's name, or a task's name for its best policy.",
             show_default=False,
         ),
     ],
@@ -24,19 +24,19 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Show a policy's clause program, raw and minimised, or a run; and by which numbers it learned."""
-    from paddlectl.cli.named import policy_named
-    from paddlectl.registry.names import number_of
+    from paddlectl.cli.named import held
+    from paddlectl.registry.records import RunRecord
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.programs import program_document, program_parts
     from paddlectl.report.settings import numbers, numbers_parts, run_document, run_parts
 
     opened = Registry.open(registry, create=False)
-    if number_of(name, "run") is not None:
-        document = run_document(opened.run(name))
+    record = held(opened, name)
+    if isinstance(record, RunRecord):
+        document = run_document(record)
         parts = run_parts(document)
     else:
-        record = policy_named(opened, name)
         document = {**program_document(record), **numbers(opened.run(record.run))}
         parts = [*program_parts(document), *numbers_parts(document, record.method)]
     if as_json:

@@ -12,11 +12,11 @@ _KEY = re.compile(r"((?:password|passwd|pwd)=)[^\s&\"']+", re.IGNORECASE)
 
 
 _COMMAND = re.compile(
-    r"paddlectl (compare|evaluate|explain|export|plot|policies|registry|resume|runs|show"
+    r"paddlectl (compare|evaluate|explain|export|label|plot|policies|registry|resume|runs|show"
     r"|similarity|sweep|train|transfer|watch)\b"
     r"(?: [^\s,;()]+(?:,[^\s,;()]+)*)*"
 )
-_WITHOUT_TASKS = {"export", "policies", "registry", "runs"}
+_WITHOUT_TASKS = {"export", "label", "policies", "registry", "runs"}
 
 
 def here(text: str) -> str:

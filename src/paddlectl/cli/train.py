@@ -13,6 +13,8 @@ from paddlectl.cli.options import (
     ManySeeds,
     OneSeed,
     RegistryPlace,
+    RunName,
+    Tags,
     TaskFiles,
     chosen_seeds,
     complete_tasks,
@@ -64,6 +66,8 @@ def train(
         typer.Option(metavar="M", autocompletion=one_method_of(ALONE), help=f"By which: {', '.join(ALONE)}."),
     ] = "hdm",
     changed: Changed = None,
+    name: RunName = None,
+    tag: Tags = None,
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     task_files: TaskFiles = None,
@@ -71,6 +75,9 @@ def train(
     as_json: AsJson = False,
 ) -> None:
     """Train sources from scratch and keep them in the registry."""
+    from dataclasses import replace
+
+    from paddlectl.cli.named import labels_of
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.cli.texts import here
     from paddlectl.report.output import print_json, print_text
@@ -78,6 +85,8 @@ def train(
 
     with stdout_kept():
         asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset, method, changed or ())
+        labels = labels_of(name, tag, len(asked), registry)
+        asked = [replace(job, **labels._asdict()) for job in asked]
     ended = run_training(asked, registry, checkpoint_every, jobs)
     if as_json:
         print_json({"runs": ended.rows, "failed": ended.documents()})

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from paddlectl.cli.named import UNLABELLED, Labels, labels_of
 from paddlectl.cli.options import (
     FRAMES,
     AsJson,
@@ -15,6 +16,8 @@ from paddlectl.cli.options import (
     ManySeeds,
     OneSeed,
     RegistryPlace,
+    RunName,
+    Tags,
     TaskFiles,
     chosen_seeds,
     complete_scenarios,
@@ -77,6 +80,8 @@ def transfer(
     train_missing: Annotated[
         bool, typer.Option("--train-missing", help="Train the sources that the registry lacks.")
     ] = False,
+    name: RunName = None,
+    tag: Tags = None,
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     task_files: TaskFiles = None,
@@ -93,6 +98,7 @@ def transfer(
     scenario = load_scenario(file)
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
     method = scenario.method if method is None else method
+    labels = labels_of(name, tag, len(chosen), registry)
     with stdout_kept():
         changes = changes_of(scenario, method, changed or ())
         found = sources_of(scenario, method, chosen, registry, train_missing, jobs)
@@ -101,7 +107,7 @@ def transfer(
     with stdout_kept():
         from paddlectl.cli.running import run
 
-        asked = asked_for(scenario, found.ids, method, frames or scenario.frames, changes)
+        asked = asked_for(scenario, found.ids, method, frames or scenario.frames, changes, labels)
         ended = run(asked, registry, checkpoint_every, jobs)
     if as_json:
         why = [{"seed": seed, **each._asdict()} for seed, its in found.why.items() for each in its]
@@ -227,6 +233,7 @@ def asked_for(
     method: str,
     frames: int,
     changes: "Changes",
+    labels: Labels = UNLABELLED,
 ) -> "list[Asked]":
     """A job for each seed."""
     from dataclasses import replace
@@ -240,7 +247,7 @@ def asked_for(
     if changes.rules:
         rules = changed(rules_of(jobs[0]), changes.rules)
         jobs = [replace(job, rules=rules) for job in jobs]
-    jobs = [replace(job, changes=changes.settings) for job in jobs]
+    jobs = [replace(job, changes=changes.settings, **labels._asdict()) for job in jobs]
     name = f"{scenario.name} {method} seed"
     return [
         Asked(job, f"{name} {job.seed}", "transfer", method, str(scenario.target), frames) for job in jobs

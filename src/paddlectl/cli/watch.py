@@ -111,15 +111,15 @@ def _policy(registry: "Registry", name: str) -> "PolicyRecord":
     Raises:
         NotFoundError: If there is none.
     """
-    from paddlectl.cli.named import policy_named
-    from paddlectl.registry.names import number_of
+    from paddlectl.cli.named import held
+    from paddlectl.registry.records import RunRecord
 
-    if number_of(name, "run") is None:
-        return policy_named(registry, name)
-    run = registry.run(name)
-    if run.policy is None:
-        raise NotFoundError(f"{run.id} has no policy: it is {run.status}", "run: paddlectl runs")
-    return registry.policy(run.policy)
+    found = held(registry, name)
+    if not isinstance(found, RunRecord):
+        return found
+    if found.policy is None:
+        raise NotFoundError(f"{found.id} has no policy: it is {found.status}", "run: paddlectl runs")
+    return registry.policy(found.policy)
 
 
 def _show(seen: "Iterable[Seen]", per_second: float) -> None:

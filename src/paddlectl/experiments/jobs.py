@@ -17,6 +17,8 @@ class TrainJob:
         changes: What shall differ from the method's usual settings, as `{"credit": {"planned": False}}`.
         preset: One of the method's for the task, instead of its usual settings.
         method: By which.
+        name: What its run is called.
+        tags: Of its run.
     """
 
     task: AnyTask
@@ -25,6 +27,8 @@ class TrainJob:
     changes: Mapping[str, Any] = field(default_factory=dict)
     preset: str | None = None
     method: str = "hdm"
+    name: str | None = None
+    tags: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class TransferJob:
 
     Attributes:
         rules: By which sources are reused; None are those of the scenario.
-        changes: As for a `TrainJob`, over those of the scenario.
+        changes: As for a `TrainJob`, over those of the scenario; so are name and tags.
     """
 
     scenario: Scenario
@@ -43,6 +47,8 @@ class TransferJob:
     frames: int
     rules: Any = None
     changes: Mapping[str, Any] = field(default_factory=dict)
+    name: str | None = None
+    tags: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

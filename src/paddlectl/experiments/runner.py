@@ -64,6 +64,8 @@ def train_source(
                 **definition_of(task),
             },
             versions=versions(),
+            name=job.name,
+            tags=job.tags,
         ),
     )
     with recorded(registry, run) as log:
@@ -158,6 +160,8 @@ def run_transfer(
                 **definition_of(task),
             },
             versions=versions(),
+            name=job.name,
+            tags=job.tags,
         ),
     )
     with recorded(registry, run) as log:

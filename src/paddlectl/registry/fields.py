@@ -23,6 +23,9 @@ SCENARIO = rf"[A-Za-z0-9][A-Za-z0-9 _.,+-]{{0,{LONGEST_SCENARIO - 1}}}"
 TASK = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
 METHOD = r"[a-z][a-z0-9_-]{0,31}"
 POLICY_ID = r"policy-[1-9][0-9]{0,17}"
+LABEL = r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}"
+"""A run's name, or one of its tags."""
+MOST_TAGS = 32
 TIME = r"[0-9T:.+-]{19,32}"
 TABLE = r"[a-z][a-z0-9_]{0,63}"
 """A run's table or document, without its suffix."""
@@ -62,6 +65,8 @@ RUN = {
     "created": TIME,
     "finished": TIME,
 }
+LABELS = {"name": LABEL, "tags": Many(LABEL, MOST_TAGS)}
+"""They belong to the registry, and don't leave it with a run that is exported."""
 POLICY = {
     "task": TASK,
     "method": METHOD,
@@ -72,7 +77,7 @@ POLICY = {
     "metadata": dict,
 }
 FIGURES = {"success_rate": _RATE, "mean_score": _FINITE, "mean_length": _FINITE, "crispness": _RATE}
-OPTIONAL = frozenset({"scenario", "finished", "crispness"})
+OPTIONAL = frozenset({"scenario", "finished", "crispness", "name"})
 
 
 def misfit(

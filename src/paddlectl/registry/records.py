@@ -48,6 +48,8 @@ class RunRecord:
         policy: Id of the policy that came out of it, if any.
         created: ISO 8601, UTC, as `finished`.
         resumes: How often it was resumed after it had stopped.
+        name: What its user calls it, instead of its id; of one run at most.
+        tags: What its user finds it by, with others.
     """
 
     id: str
@@ -68,6 +70,8 @@ class RunRecord:
     created: str
     finished: str | None
     resumes: int = 0
+    name: str | None = None
+    tags: tuple[str, ...] = ()
 
     @property
     def content(self) -> Content:

@@ -22,7 +22,7 @@ from paddlectl.registry.files.documents import from_json
 from paddlectl.registry.records import PolicyRecord, RunRecord
 
 # Every revision in migrations/versions, oldest first. Kept here so that reading needs no alembic.
-REVISIONS = ("0001", "0002", "0003", "0004")
+REVISIONS = ("0001", "0002", "0003", "0004", "0005")
 
 # Named, because SQLite's batch migrations can only change constraints that have names.
 metadata = MetaData(
@@ -56,6 +56,8 @@ runs = Table(
     Column("created", Text, nullable=False),
     Column("finished", Text),
     Column("resumes", Integer, nullable=False, server_default="0"),
+    Column("name", Text),
+    Column("tags", Text, nullable=False, server_default="[]"),
     sqlite_autoincrement=True,
 )
 
@@ -95,7 +97,7 @@ def _expected(table: Table) -> list[tuple[type, ...]]:
 
 
 _RUN_FIELDS = [*runs.columns.keys(), "policy", "success_rate"]
-_RUN_JSON = [("sources", list), ("settings", dict), ("versions", dict), ("results", dict)]
+_RUN_JSON = [("sources", list), ("settings", dict), ("versions", dict), ("results", dict), ("tags", list)]
 _RUN_TYPES = [*_expected(runs), (int, NoneType), (float, NoneType)]
 _POLICY_TYPES = _expected(policies)
 
@@ -128,7 +130,7 @@ def _run_record(row: Sequence[Any], known: dict[str, Any]) -> RunRecord:
         values[field] = _stored(kind, values[field], name, known)
     values["results"] = _renamed(values["kind"], values["results"], values.pop("success_rate"))
     values["id"] = name
-    values["sources"] = tuple(values["sources"])
+    values["sources"], values["tags"] = tuple(values["sources"]), tuple(values["tags"])
     values["policy"] = None if values["policy"] is None else f"policy-{values['policy']}"
     return RunRecord(**values)
 

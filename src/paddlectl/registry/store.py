@@ -1,5 +1,6 @@
 """The registry: what was trained, with its programs, checkpoints and figures, in one folder."""
 
+import json
 import statistics
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -14,6 +15,7 @@ from paddlectl.registry import fields
 from paddlectl.registry.files import documents, layout, objects
 from paddlectl.registry.files.faults import disk_faults
 from paddlectl.registry.files.runfiles import RunFiles
+from paddlectl.registry.index import labels
 from paddlectl.registry.index.entry import enter, publish
 from paddlectl.registry.index.index import Index
 from paddlectl.registry.index.queries import (
@@ -96,11 +98,13 @@ class Registry:
         seed: int,
         settings: Mapping[str, Any],
         versions: Mapping[str, str],
+        name: str | None = None,
+        tags: Sequence[str] = (),
     ) -> RunRecord:
         """Opens a run, `running` from now on, and its folder.
 
         Raises:
-            UsageError: If a value isn't one that its field may hold (`fields`).
+            UsageError: If a value isn't one that its field may hold (`fields`), or another run has the name.
         """
         row: dict[str, Any] = {
             "kind": kind,
@@ -115,12 +119,34 @@ class Registry:
         _require(row, fields.RUN, "the run")
         row |= {name: documents.to_json(row[name], name) for name in ("sources", "settings", "versions")}
         row |= {"status": "running", "frames": 0, "episodes": 0, "seconds": 0.0, "results": "{}"}
-        row["created"] = _now()
+        row |= {"created": _now(), **labels.row_of(name, tags)}
         with self.index.writing() as connection:
-            name = f"run-{enter(self.index.database, connection, 'run', row)}"
-            layout.make_run(self.folder, name)
-            publish(self.folder, connection, name)
-            return find_run(connection, name)
+            labels.require_free(connection, name)
+            run = f"run-{enter(self.index.database, connection, 'run', row)}"
+            layout.make_run(self.folder, run)
+            publish(self.folder, connection, run)
+            return find_run(connection, run)
+
+    def require_free(self, name: str | None) -> None:
+        """Refuses the name of a run that is there.
+
+        Raises:
+            UsageError: If it is one.
+        """
+        with self.index.reading() as connection:
+            labels.require_free(connection, name)
+
+    def label_run(self, run: str, name: str | None, tags: Sequence[str]) -> RunRecord:
+        """Gives a run another name, or none, and other tags; its files stay as they were sealed.
+
+        Raises:
+            NotFoundError: If there is no such run.
+            UsageError: If one can't be a label, or another run has the name.
+        """
+        with self.index.writing() as connection:
+            found = find_run(connection, run)
+            labels.put(self.folder, connection, found, name, tags)
+            return find_run(connection, found.id)
 
     def finish_run(
         self, run: str, *, status: str, frames: int, episodes: int, seconds: float, results: Mapping[str, Any]
@@ -166,13 +192,20 @@ class Registry:
             return find_run(connection, run)
 
     def run(self, run: str) -> RunRecord:
-        """The run of an id such as `run-42`.
+        """The run of an id such as `run-42`, or of a name that its user gave it.
 
         Raises:
             NotFoundError: If there is none; with the nearest id.
         """
         with self.index.reading() as connection:
             return find_run(connection, run)
+
+    def run_called(self, name: str) -> RunRecord | None:
+        """The run that its user gave this name, if there is one."""
+        chosen = select_runs().where(runs.c.name == name)
+        with self.index.reading() as connection:
+            found = run_records(connection.execute(chosen)) if name.isprintable() else []
+            return found[0] if found else None
 
     def runs(self) -> list[RunRecord]:
         """All runs, newest first."""
@@ -185,7 +218,7 @@ class Registry:
 
         Args:
             most: All of them if None.
-            wanted: Column -> what it has to hold.
+            wanted: Column -> what it has to hold; `tag` -> one of its tags.
             since: Runs that began earlier are left out; in UTC, as `created` is written.
         """
         chosen = [*_equal(runs, wanted), *([runs.c.created >= since] if since else [])]
@@ -384,7 +417,10 @@ class Registry:
 
 def _equal(table: Table, wanted: Mapping[str, str]) -> list[ColumnElement[bool]]:
     """That each of these columns holds what is wanted."""
-    return [table.c[name] == value for name, value in wanted.items()]
+    return [
+        table.c.tags.contains(json.dumps(value), autoescape=True) if name == "tag" else table.c[name] == value
+        for name, value in wanted.items()
+    ]
 
 
 def _require(values: Mapping[str, Any], kinds: Mapping[str, Any], what: str) -> None:

@@ -26,6 +26,8 @@ def policy_row(policy: PolicyRecord) -> dict[str, Any]:
 def run_row(run: RunRecord) -> dict[str, Any]:
     return {
         "run": run.id,
+        "name": run.name,
+        "tags": list(run.tags),
         "kind": run.kind,
         "method": run.method,
         "task": run.task,

@@ -60,6 +60,10 @@ def run_parts(document: Mapping[str, Any]) -> list[RenderableType]:
         clean(f"{document['run']}: {what}, seed {seed}, {document['status']}"),
         clean(f"{document['frames']:,}{of} frames, {document['episodes']:,} episodes"),
     ]
+    if document["name"]:
+        parts.append(clean(f"name: {document['name']}"))
+    if document["tags"]:
+        parts.append(clean(f"tags: {', '.join(document['tags'])}"))
     if document["scenario"]:
         parts.append(clean(f"scenario {document['scenario']}"))
     if document["sources"]:

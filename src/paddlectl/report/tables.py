@@ -54,6 +54,10 @@ def size(items: Any) -> str:
     return "–" if items is None else str(len(items))
 
 
+def listing(values: Any) -> str:
+    return ", ".join(values) or "–"
+
+
 def yes(value: Any) -> str:
     return "yes" if value else "no"
 
@@ -71,7 +75,7 @@ class Column:
 
     @property
     def head(self) -> Head:
-        number = self.written not in (words, label, yes)
+        number = self.written not in (words, label, yes, listing)
         return Head(self.title, right=number, breaks=self.written is words, spare=number)
 
 
@@ -118,6 +122,16 @@ RUNS = (
     Column("frames", "frames", count),
     Column("success", "success_rate", percent),
     Column("policy", "policy"),
+)
+NAMED_RUNS = (RUNS[0], Column("name", "name"), *RUNS[1:])
+"""The same, where one has a name."""
+LABELLED = (
+    Column("run", "run"),
+    Column("name", "name"),
+    Column("tags", "tags", listing),
+    Column("method", "method"),
+    Column("task", "task"),
+    Column("seed", "seed", seed),
 )
 TRAINED = (
     Column("policy", "policy"),

@@ -25,6 +25,7 @@ from paddlectl.registry.care.files import (
     other_files,
 )
 from paddlectl.registry.care.findings import Finding, Report, entries
+from paddlectl.registry.fields import LABELS
 from paddlectl.registry.files import layout, manifests
 from paddlectl.registry.files.manifests import Manifest
 from paddlectl.registry.files.runfiles import goes_on
@@ -249,7 +250,14 @@ def _agreement(
         if not manifests.path_of(folder, name).exists():
             yield Finding("missing manifest", name, "its manifest is missing")
     elif manifest.row != row and not _ended_amid(row, manifest):
-        yield Finding("other row", name, "the index and the manifest don't say the same")
+        if _without_labels(manifest.row) == _without_labels(row):
+            yield Finding("other labels", name, "the index and the manifest call it differently", fault=False)
+        else:
+            yield Finding("other row", name, "the index and the manifest don't say the same")
+
+
+def _without_labels(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {column: value for column, value in row.items() if column not in LABELS}
 
 
 def _stopped_runs(report: Report, index: Database) -> None:

@@ -28,6 +28,9 @@ _MOVED = {"stray file", "strange file", "unsealed file", "damaged manifest", "lo
 _REBUILT = {"damaged index", "missing index", "missing database index"}
 _LOST = {"missing file", "changed size", "changed bytes", "strange file", "wrong name"}
 
+_ADDED = {"resumes": 0, "name": None, "tags": "[]"}
+"""What manifests of older registries don't tell of a run."""
+
 
 @dataclass
 class Repaired:
@@ -65,7 +68,7 @@ def repair(location: str | Path, *, drop_lost: bool = False) -> Repaired:
             f"{index.shown}: its index is damaged, and there are no manifests to make it from",
             f"restore {index.database.file} from a copy",
         )
-    if not report.faults and "stopped run" not in kinds:
+    if not report.faults and not kinds & {"stopped run", "other labels"}:
         return told
     rows, before = _desired(report, told), report.rows
     if told.lost and not drop_lost:
@@ -126,7 +129,7 @@ def _better(
     name: str, row: dict[str, Any] | None, manifest: manifests.Manifest | None
 ) -> dict[str, Any] | None:
     """The manifest's, which is written first; the row, where that is damaged or older."""
-    told = None if manifest is None else {"resumes": 0} | manifest.row if name[0] == "r" else manifest.row
+    told = None if manifest is None else _ADDED | manifest.row if name[0] == "r" else manifest.row
     usable = [values for values in (told, row) if values is not None and _is_row(name, values)]
     if len(usable) == 2 and usable[0].get("status") == "running" and usable[1].get("status") == "finished":
         usable.reverse()
@@ -156,7 +159,7 @@ def _known_by_their_policies(rows: Rows, told: Repaired) -> None:
         if name not in rows:
             shared = {key: policy[key] for key in ("method", "task", "seed", "frames", "created")}
             lost = {"scenario": None, "sources": "[]", "status": "failed", "settings": "{}", "versions": "{}"}
-            counts = {"episodes": 0, "seconds": 0.0, "results": "{}", "resumes": 0}
+            counts = {"episodes": 0, "seconds": 0.0, "results": "{}"} | _ADDED
             ends = {"id": policy["run"], "kind": "train", "finished": policy["created"]}
             rows[name] = {column: (shared | lost | counts | ends)[column] for column in runs.columns.keys()}  # noqa: SIM118
             told.done.append(f"{name}: only policy-{policy['id']} is left of it")

@@ -32,15 +32,17 @@ def count(connection: Connection, table: Table, *chosen: ColumnElement[bool]) ->
 
 
 def find_run(connection: Connection, name: str) -> RunRecord:
-    """The run of an id.
+    """The run of an id, or of a name that a user gave it.
 
     Raises:
-        NotFoundError: If there is none; with the nearest id.
+        NotFoundError: If there is none; with the nearest id or name.
     """
     number = number_of(name, "run")
-    row = connection.execute(select_runs().where(runs.c.id == number)).first() if number else None
+    own = runs.c.id == number if number else runs.c.name == name
+    row = connection.execute(select_runs().where(own)).first() if name.isprintable() else None
     if row is None:
-        known = _like(connection, runs, "run", name)
+        named = connection.scalars(select(runs.c.name).where(runs.c.name.is_not(None)).limit(_LISTED))
+        known = [*_like(connection, runs, "run", name), *map(str, named)]
         raise NotFoundError(f"no run {shown(name)}", nearest(name, known) + "run: paddlectl runs")
     return run_records([row])[0]
 
