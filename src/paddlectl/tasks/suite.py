@@ -15,10 +15,9 @@ from paddlectl.errors import NotFoundError, PaddlectlError
 from paddlectl.plugins import Plugins, attribute, load_file, require_kind
 from paddlectl.registry.fields import TASK
 from paddlectl.registry.names import is_id
-from paddlectl.tasks.base import DefinedTask, Task
+from paddlectl.tasks.base import Defined, DefinedTask, Definition, Task
 from paddlectl.tasks.maze2d import layouts as maze2d
 from paddlectl.tasks.minigrid import layouts as minigrid
-from paddlectl.tasks.minigrid.words import Defined, document_of
 from paddlectl.tasks.stock import families as stock
 
 AnyTask = str | Defined
@@ -78,9 +77,9 @@ def load(name: AnyTask) -> Task:
     return task
 
 
-def _defined(spec: minigrid.Spec) -> Task:
-    task: Task = attribute("paddlectl.tasks.minigrid.engine:task_of")(spec)
-    return DefinedTask(**vars(task), told=json.dumps(document_of(spec)))
+def _defined(spec: Definition) -> Task:
+    task: Task = attribute(spec.MADE_BY)(spec)
+    return DefinedTask(**vars(task), told=json.dumps(spec.document()))
 
 
 def usable(tell: Callable[[PaddlectlError], None] = lambda _: None) -> Iterator[Task]:
