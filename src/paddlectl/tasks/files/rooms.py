@@ -33,6 +33,8 @@ MOST_CELLS = 2_500
 """Of a grid."""
 
 _MOST_ROWS = 10
+_LONGEST = 10_000  # horizon
+_USUAL_FACT = "is_open(way)"  # where none makes sense
 _DRAWN = 200  # layouts that are looked at
 _SOLVED = 0.1  # share of them that must be solvable; the rest is drawn again
 _OF_EACH_SPLIT = 3  # layouts that must be found …
@@ -86,7 +88,7 @@ class RoomsFile(TaskFile):
     connect: bool = False
     things: Annotated[tuple[ThingWords, ...], Field(min_length=1, max_length=32)]
     target: str
-    horizon: Annotated[int | None, Field(ge=1, le=10_000)] = None
+    horizon: Annotated[int | None, Field(ge=1, le=_LONGEST)] = None
 
 
 def plan_of(found: RoomsFile, path: Path) -> Plan:
@@ -94,7 +96,7 @@ def plan_of(found: RoomsFile, path: Path) -> Plan:
     doors, things = _doors(found), _things(found)
     there = needs(doors, found.connect, things, found.target)
     met = [word for word, need in there.items() if need.met]
-    facts = [word for word in PREDICATES if word in met] or ["is_open(way)"]
+    facts = [word for word in PREDICATES if word in met] or [_USUAL_FACT]
     subgoals = [word for word in SUBGOALS if bare(word) in met]
     rooms = len(found.rooms) * len(found.rooms[0])
     return Plan(
@@ -108,7 +110,7 @@ def plan_of(found: RoomsFile, path: Path) -> Plan:
         things=things,
         target=found.target,
         milestones=_subgoals(found.milestones),
-        horizon=found.horizon or 4 * rooms * found.room_size**2,
+        horizon=found.horizon or min(4 * rooms * found.room_size**2, _LONGEST),
         facts=found.facts or tuple(facts),
         subgoals=_subgoals(found.subgoals) if found.subgoals else tuple(subgoals),
     )
@@ -206,11 +208,12 @@ def _wrong_doors(found: RoomsFile) -> Iterator[Problem]:
 
 def _wrong_things(found: RoomsFile) -> Iterator[Problem]:
     locked = Counter(door.colour for door in found.doors if door.passage == "locked")
+    here = Counter(thing.thing for thing in found.things)
     for index, thing in enumerate(found.things):
         place = ("things", index)
         if thing.thing not in THINGS:
             yield Problem((*place, "thing"), unknown("thing", thing.thing, THINGS))
-        elif thing.thing == GOAL != found.target:
+        elif thing.thing == GOAL != found.target and here[found.target]:
             yield Problem((*place, "thing"), "a goal ends the episode; write target: goal, or leave it out")
         if thing.behind is not None:
             if thing.room:
@@ -226,7 +229,6 @@ def _wrong_things(found: RoomsFile) -> Iterator[Problem]:
                 yield Problem((*place, "box"), "only a key that isn't the target can be in a box")
             elif thing.box not in COLOURS:
                 yield Problem((*place, "box"), unknown("colour", thing.box, COLOURS))
-    here = Counter(thing.thing for thing in found.things)
     if not here[found.target]:
         yield Problem(("target",), unknown("target", found.target, tuple(here)))
     elif here[found.target] > 1:
@@ -264,9 +266,10 @@ def _senseless(found: RoomsFile) -> Iterator[Problem]:
     """Facts and subgoals of what isn't there."""
     plan = plan_of(found, Path("Unnamed"))
     there: Mapping[str, Need] = needs(plan.doors, plan.connect, plan.things, plan.target)
+    usual = "" if any(there[word].met for word in PREDICATES) else _USUAL_FACT
     for key in ("milestones", "subgoals", "facts"):
         for index, word in enumerate(map(bare, getattr(found, key) or ())):
-            if not there[word].met and [word] != list(plan.facts):
+            if not there[word].met and word != usual:
                 yield Problem((key, index), f"{word} needs {there[word].told}")
             elif key == "milestones" and f"{word}()" not in plan.subgoals:
                 yield Problem((key, index), f"{word} isn't among the subgoals; write it there, too")
@@ -290,7 +293,7 @@ def _unsolvable(plan: Plan) -> Iterator[Problem]:
         else:
             if ground.reached(layout) >> layout.target & 1:
                 solvable.append(layout)
-                missing = {split: count - layout.is_of(split) for split, count in missing.items()}
+                missing["evaluation" if layout.is_of("evaluation") else "training"] -= 1
             else:
                 failed.append(layout)
         if drawn == _DRAWN and len(solvable) < _SOLVED * _DRAWN:
@@ -320,18 +323,17 @@ def _why(plan: Plan, ground: Ground, layout: Layout) -> str:
     }
     if not ground.reached(layout._replace(items=opened)) >> layout.target & 1:
         return "no way leads there from the agent"
-    region = ground.reached(layout)
-    keys = {thing.what for thing in plan.things}
-    shut = {item.colour for cell, item in layout.items.items() if item.what == "locked"}
-    lacking = sorted(colour for colour in shut if f"{colour} key" not in keys)
-    if lacking:
-        return f"the {lacking[0]} door never opens, as there is no {lacking[0]} key"
-    beyond = sorted(
-        item.what
-        for cell, item in layout.items.items()
-        if item.what.endswith(" key") and not region >> cell & 1 and item.what.split()[0] in shut
+    inside = ground.reached(layout)
+    width = ground.width
+    edge = inside << 1 | inside >> 1 | inside << width | inside >> width
+    shut = sorted(
+        item.colour for cell, item in layout.items.items() if item.what == "locked" and edge >> cell & 1
     )
-    return f"the {beyond[0].split()[0]} door never opens, as the {beyond[0]} is beyond what can be reached"
+    keys = {thing.what for thing in plan.things}
+    colour = next((colour for colour in shut if f"{colour} key" not in keys), shut[0])
+    why = f"the {colour} key is beyond what can be reached"
+    why = why if f"{colour} key" in keys else f"there is no {colour} key"
+    return f"the {colour} door never opens, as {why}"
 
 
 def _from_the_start(plan: Plan, layouts: Sequence[Layout]) -> Iterator[Problem]:

@@ -21,6 +21,9 @@ TRIES = 20_000
 """Layouts that are drawn until one can be solved and is of the split."""
 
 
+_KINDS = (*PASSAGES, *THINGS)
+
+
 class Item(NamedTuple):
     """What is in a cell.
 
@@ -38,9 +41,9 @@ class Item(NamedTuple):
 
     @property
     def code(self) -> int:
-        """A number for each."""
+        """A number below 256 for each."""
         colour = COLOURS.index(self.colour) + 1 if self.colour else 0
-        return (*PASSAGES, *THINGS).index(self.what) * (len(COLOURS) + 1) + colour
+        return _KINDS.index(self.what) * (len(COLOURS) + 1) + colour
 
 
 class Layout(NamedTuple):
@@ -60,7 +63,7 @@ class Layout(NamedTuple):
 
     def is_of(self, split: Split) -> bool:
         """Whether it belongs to a split, which its facing has no part in."""
-        cells = [number for cell in sorted(self.items) for number in (cell, self.items[cell].code)]
+        cells = [cell << 8 | self.items[cell].code for cell in sorted(self.items)]
         values: Ints = np.array([[self.agent, *cells]])
         return bool(belongs(values, split)[0])
 

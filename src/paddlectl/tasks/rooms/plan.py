@@ -144,12 +144,14 @@ def needs(doors: Sequence[Door], connect: bool, things: Sequence[Thing], target:
     passages = {door.passage for door in doors}
     loose = [thing for thing in things if thing.what not in (GOAL, target)]
     boxed = any(thing.box or thing.what.endswith(" box") for thing in loose)
+    locks = {f"{door.colour} key" for door in doors if door.passage == "locked"}
     crowded = len(loose) > 1 or any(door.blocked for door in doors)
+    crowded |= any(thing.what not in locks for thing in loose)
     lock = Need("a locked door", "locked" in passages)
     shut = Need("a closed door, or connect: true", connect or "closed" in passages)
     box = Need("a box and a locked door", boxed and lock.met)
-    several = Need("a blocked door, or two things besides the target", crowded)
-    other = Need("a box, a blocked door, or two things besides the target", crowded or boxed)
+    several = Need("a blocked door, or a thing besides one key and the target", crowded)
+    other = Need("a box, a blocked door, or a thing besides one key and the target", crowded or boxed)
     return {
         "has_key(agent)": lock,
         "has_key(env)": box,

@@ -5,8 +5,8 @@ some steps, and a locked door many: the more, the more others must be unlocked f
 first locked one on the way to what solves the task, the *key* is of its colour; where a locked door is on the
 way to that, it is the *door*, and so on. What comes next is the key, a box that may hide it, the door, or
 what solves the task. The *passage* is the first closed door on the way there, the *blockage* the first object
-on that way, or else on the whole one before a locked door. So however many rooms, doors and keys there are,
-all is told of those that come next.
+on that way, or else on the whole one, before a door that isn't open. So however many rooms, doors and keys
+there are, all is told of those that come next.
 """
 
 from functools import cached_property
@@ -201,7 +201,7 @@ class Map:
         following = next((cell for cell in (key, box, door) if cell != NOWHERE), self._target)
         ahead = [cell for cell in self.route(agent, following) if cell != following]
         passage = next((cell for cell in ahead if self._costs[cell] == _CLOSED), NOWHERE)
-        between = ahead + [cell for cell in self._unlocked(way) if cell != self._target]
+        between = self._open(ahead) + [cell for cell in self._open(way) if cell != self._target]
         blockage = next((cell for cell in between if self._costs[cell] == _OBJECT), NOWHERE)
         return Facts(
             key_held=key_held,
@@ -241,9 +241,10 @@ class Map:
     def _first_locked(self, way: list[int]) -> int:
         return next((cell for cell in way if self._is_locked(cell)), NOWHERE)
 
-    def _unlocked(self, way: list[int]) -> list[int]:
-        """The way as far as no locked door is on it."""
-        return way[: next((n for n, cell in enumerate(way) if self._is_locked(cell)), len(way))]
+    def _open(self, way: list[int]) -> list[int]:
+        """The way as far as no closed or locked door is on it."""
+        shut = (n for n, cell in enumerate(way) if self._is(cell, "door") and not self.cells[cell].is_open)
+        return way[: next(shut, len(way))]
 
     def _is_locked(self, cell: int) -> bool:
         return self._is(cell, "door") and bool(self.cells[cell].is_locked)
