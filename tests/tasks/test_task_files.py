@@ -249,7 +249,7 @@ def test_its_environment_is_made_by_the_file(tmp_path: Path) -> None:
 
 
 def test_the_page_has_every_key_and_word_and_no_other() -> None:
-    page = (ROOT / "docs" / "tasks.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "tasks.md").read_text(encoding="utf-8").partition("## More rooms\n")[0]
     tables: dict[str, set[str]] = {}
     for head, _, rows in re.findall(r"^\| (\w+) \|.*\n(\|[-|]+\|)\n((?:\|.*\n)+)", page, re.MULTILINE):
         tables[head] = set(re.findall(r"^\| `([^`]+)` \|", rows, re.MULTILINE))
