@@ -1,6 +1,7 @@
 """MiniGrid's own environments: stepped as they are, and told in facts by which a plain plan solves them."""
 
 import copy
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,12 @@ from paddlectl.tasks.stock.ways import NOWHERE, View
 from samples import ROOT
 from wayfarer import follow_plan
 
+SEEN = {
+    "MiniGrid-DoorKey-6x6-v0": "032999004ec6d24c",
+    "MiniGrid-KeyCorridorS3R3-v0": "074cd6aa4827b0b6",
+    "MiniGrid-ObstructedMaze-2Dlhb-v1": "b5b045e27257b0c8",
+}
+"""Of some hundred states, by the version that made the tasks known."""
 EACH = pytest.mark.parametrize("name", FAMILIES)
 SOME = pytest.mark.parametrize(
     "name", ["MiniGrid-DoorKey-6x6-v0", "MiniGrid-KeyCorridorS3R3-v0", "MiniGrid-ObstructedMaze-2Dlhb-v1"]
@@ -76,6 +83,17 @@ def test_what_is_kept_of_a_grid_is_what_would_be_read_anew(name: str) -> None:
             kept, (batch.observe(subgoals), batch.flat_state(), batch.valuation()), strict=True
         ):
             np.testing.assert_array_equal(ours, anew)
+
+
+@pytest.mark.parametrize(("name", "released"), SEEN.items())
+def test_policies_see_what_they_learned_from(name: str, released: str) -> None:
+    batch, rng, digest = suite.load(name).make(4, 2), np.random.default_rng(5), hashlib.sha256()
+    for _ in range(300):
+        step = batch.step(rng.choice(7, p=[0.1, 0.15, 0.3, 0.15, 0.1, 0.15, 0.05], size=4))
+        for seen in (batch.valuation(), batch.flat_state(), batch.observe(rng.integers(9, size=4))):
+            digest.update(np.ascontiguousarray(seen).tobytes())
+        batch.reset(step.terminated | step.truncated)
+    assert digest.hexdigest()[:16] == released
 
 
 @SOME
