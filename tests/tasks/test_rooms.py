@@ -95,6 +95,16 @@ things:
   - {thing: blue box, room: c}
 target: blue box
 """
+TWINS = """\
+rooms: [[a, b]]
+agent: a
+doors: [{near: a, far: b, passage: locked, colour: blue}]
+things:
+  - {thing: blue key, room: b}
+  - {thing: blue key, room: a, box: grey}
+  - {thing: red ball, room: b}
+target: red ball
+"""
 ANYWHERE = """\
 rooms: [[a, b, c, d], [e, f, g, h], [i, j, k, l]]
 room_size: 5
@@ -373,8 +383,8 @@ def test_a_task_without_layouts_of_a_split_ends_in_words(
 
 @pytest.mark.parametrize(
     "text",
-    [*FILES.values(), TEXT, NESTED, DECOY, ONE_COLOUR, ANYWHERE],
-    ids=[*FILES, "Text", "Nested", "Decoy", "OneColour", "Anywhere"],
+    [*FILES.values(), TEXT, NESTED, DECOY, ONE_COLOUR, TWINS, ANYWHERE],
+    ids=[*FILES, "Text", "Nested", "Decoy", "OneColour", "Twins", "Anywhere"],
 )
 def test_its_facts_lead_a_plan_to_success(text: str, tmp_path: Path) -> None:
     assert follow_plan(load(read(tmp_path, text)), 12, 0) >= 11

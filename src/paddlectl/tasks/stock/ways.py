@@ -111,7 +111,10 @@ class Map:
         cost, edge = _LOCKED, [agent]
         while edge:
             self._flood(inside, edge)
-            edge = [cell for cell in locked if self._can_be_opened(cell, inside)]
+            frontier = [cell for cell in locked if not inside.isdisjoint(self._beside(cell))]
+            boxes = not inside.isdisjoint(self._boxes())
+            edge = [cell for cell in frontier if self._can_be_opened(cell, inside, boxes)]
+            edge = edge or (frontier if boxes else [])
             locked = [cell for cell in locked if cell not in edge]
             for cell in edge:
                 self._costs[cell] = cost
@@ -129,13 +132,11 @@ class Map:
                     inside.add(beside)
                     queue.append(beside)
 
-    def _can_be_opened(self, door: int, inside: set[int]) -> bool:
-        if inside.isdisjoint(self._beside(door)):
-            return False
-        colour = self.cells[door].color
-        keys = self._keys(colour)
-        hidden = not keys and any(self._is(cell, "box") and cell != self._target for cell in inside)
-        return hidden or self._is_key(self.held, colour) or not inside.isdisjoint(keys)
+    def _can_be_opened(self, door: int, inside: set[int], boxes: bool) -> bool:
+        """Whether its key is at hand; or, if none is anywhere, there are boxes that may hide it."""
+        keys = self._keys(self.cells[door].color)
+        held = self._is_key(self.held, self.cells[door].color)
+        return held or (boxes and not keys) or not inside.isdisjoint(keys)
 
     def _beside(self, cell: int) -> list[int]:
         cells = (cell - 1, cell + 1, cell - self.width, cell + self.width)
@@ -231,10 +232,12 @@ class Map:
             colour = self.cells[door].color
             if self._is_key(self.held, colour):
                 break
-            key = self._nearest(agent, self._keys(colour))
+            keys, boxes = self._keys(colour), self._boxes()
+            key = self._nearest(agent, keys, self._costs[door])
             if key == NOWHERE:
-                boxes = [cell for cell in range(len(self.cells)) if self._is(cell, "box")]
-                box = self._nearest(agent, [cell for cell in boxes if cell != self._target])
+                box = self._nearest(agent, boxes, self._costs[door])
+            if key == box == NOWHERE:
+                key = self._nearest(agent, keys)
             way = self.route(agent, box if key == NOWHERE else key)
         return door, key, box
 
@@ -253,6 +256,10 @@ class Map:
         """Where keys of a colour lie."""
         return [cell for cell, each in enumerate(self.cells) if self._is_key(each, colour)]
 
+    def _boxes(self) -> list[int]:
+        """Those that may hide a key."""
+        return [cell for cell in range(len(self.cells)) if self._is(cell, "box") and cell != self._target]
+
     def _is_spent(self, thing: Any) -> bool:
         if not self._is_key(thing, None):
             return False
@@ -263,8 +270,11 @@ class Map:
     def _is_key(self, thing: Any, colour: str | None) -> bool:
         return thing is not None and thing.type == "key" and colour in (None, thing.color)
 
-    def _nearest(self, agent: int, cells: list[int]) -> int:
-        return min(cells, key=lambda cell: self._way_to(cell)[0][agent], default=NOWHERE)
+    def _nearest(self, agent: int, cells: list[int], within: int = _FAR) -> int:
+        """The cell to which the way is the cheapest, and costs less than that."""
+        costs = {cell: self._way_to(cell)[0][agent] for cell in cells}
+        near = [cell for cell in cells if costs[cell] < within]
+        return min(near, key=costs.__getitem__, default=NOWHERE)
 
 
 class View(NamedTuple):
