@@ -10,7 +10,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -71,6 +71,7 @@ class Kind(Generic[M]):
         in_file: A key path of the schema as the file has it.
         advice: What to write instead of a value of the wrong type, by key path, Pydantic's kind of error and
             what is written; None if there is nothing better to say than for every file.
+        others: Other kinds, each told by a key that it alone has.
     """
 
     noun: str
@@ -79,6 +80,12 @@ class Kind(Generic[M]):
     misuses: Callable[[M, Path], Iterator[Problem]]
     in_file: Callable[[KeyPath], KeyPath] = lambda path: path
     advice: Callable[[KeyPath, str, str], str | None] = lambda *_: None
+    others: Mapping[str, "Kind[Any]"] = field(default_factory=dict)
+
+    def of(self, document: Any) -> "Kind[Any]":
+        """The kind that a document is of: itself, or one of the others."""
+        keys = document if isinstance(document, dict) else {}
+        return next((other for key, other in self.others.items() if key in keys), self)
 
     def section(self, path: KeyPath) -> type[Closed] | None:
         """The schema of the mapping at a key path."""
@@ -117,6 +124,7 @@ def check_values(values: Mapping[str, Any], kind: Kind[M]) -> M:
 
 def _checked(reader: "_Reader", kind: Kind[M], path: Path) -> M:
     document = reader.document()
+    kind = kind.of(document)
     try:
         found = kind.model.model_validate_json(json.dumps(document))
     except ValidationError as error:
@@ -210,7 +218,8 @@ def _told(error: Any, reader: "_Reader", of: Kind[Any]) -> Problem:
     if kind == "extra_forbidden":
         known = of.section(path[:-1])
         assert known is not None
-        return Problem(path, unknown("key", str(path[-1]), tuple(known.model_fields)), at_key=True)
+        keys = (*known.model_fields, *(of.others if len(path) == 1 else ()))
+        return Problem(path, unknown("key", str(path[-1]), keys), at_key=True)
     if kind == "value_error":
         return Problem(path, str(context["error"]))
     at_key = path[-1:] == ("[key]",)

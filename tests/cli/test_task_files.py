@@ -29,7 +29,7 @@ from schemas import misfits, schema_of
 from small_transfer import SMALL
 from trials.runs import StopAfter, ended, quiet, small
 
-PAGE = (ROOT / "docs" / "tasks.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "tasks.md").read_text(encoding="utf-8").partition("## More rooms\n")[0]
 FILES = {name: text for name, text in re.findall(r"```yaml\n# mytasks/(\S+\.yaml).*\n([^`]+)```", PAGE)}
 FRAMES = 12 * 256  # rounds of SMALL
 

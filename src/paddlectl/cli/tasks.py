@@ -50,9 +50,8 @@ def tasks(
 def _row(task: "Task") -> dict[str, Any]:
     from paddlectl.methods.catalogue import METHODS
     from paddlectl.tasks.minigrid.layouts import SPECS
-    from paddlectl.tasks.minigrid.words import document_of
 
-    definition = document_of(SPECS[task.name]) if task.name in SPECS else task.definition
+    definition = SPECS[task.name].document() if task.name in SPECS else task.definition
     return {
         "name": task.name,
         "domain": task.domain,

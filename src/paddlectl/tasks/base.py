@@ -3,8 +3,8 @@
 import json
 import typing
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,3 +232,37 @@ class DefinedTask(Task):
     def definition(self) -> Mapping[str, Any]:
         definition: Mapping[str, Any] = json.loads(self.told)
         return definition
+
+
+class Definition(Protocol):
+    """What a task file says.
+
+    Attributes:
+        MADE_BY: `module:function` that makes the task of it.
+        ENVIRONMENT: `module:class` of its Gymnasium environment.
+        name: The task's.
+    """
+
+    MADE_BY: ClassVar[str]
+    ENVIRONMENT: ClassVar[str]
+
+    @property
+    def name(self) -> str: ...
+
+    def document(self) -> dict[str, Any]:
+        """All that a task file may say of it, nothing left to be filled in."""
+
+
+@dataclass(frozen=True)
+class Defined:
+    """A task as a file defines it. It prints as its name.
+
+    Attributes:
+        file: Where that was read; empty if it is from a registry.
+    """
+
+    spec: Definition
+    file: str = field(default="", compare=False)
+
+    def __str__(self) -> str:
+        return self.spec.name

@@ -87,7 +87,7 @@ def drawn(task: Any) -> TaskEnv:
         task: One that `can_be_drawn`.
     """
     named = isinstance(task, str)
-    where = registration.ENTRY_POINTS[task] if named else registration.OF_FILES
+    where = registration.ENTRY_POINTS[task] if named else task.spec.ENVIRONMENT
     module, _, name = where.partition(":")
     made = getattr(import_module(module), name)
     given = task if named else task.spec

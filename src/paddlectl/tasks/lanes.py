@@ -352,6 +352,18 @@ class GymnasiumEnvironment(Environment):
             self._begin(other)
         self._kept = value["state"]
 
+    def show(self, state: Any, t: int, paid: Bools) -> None:
+        """Brings a single lane to where an environment is that is stepped elsewhere.
+
+        Args:
+            state: What the task's `state` gives of that.
+            t: Its steps.
+            paid: Which milestones it has paid. [1, M]
+        """
+        self._states = [state]
+        self.t[:] = t
+        self._paid[:] = paid
+
     def picture(self, lane: int) -> NDArray[np.uint8]:
         """What the environment itself draws of a lane. [height, width, 3]
 

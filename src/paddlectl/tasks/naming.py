@@ -8,7 +8,6 @@ from typing import Any
 
 from paddlectl.errors import NotFoundError
 from paddlectl.registry.records import Content
-from paddlectl.tasks.minigrid.words import document_of
 from paddlectl.tasks.suite import AnyTask, known
 
 SUFFIXES = (".yaml", ".yml")
@@ -31,7 +30,7 @@ def given(text: str, folder: Path = Path()) -> AnyTask:
         InvalidFileError: If it isn't a task; the message starts with file:line:column.
     """
     if is_file(text):
-        from paddlectl.tasks.files import load_task
+        from paddlectl.tasks.files.loading import load_task
 
         return load_task(folder / text)
     with suppress(OSError):
@@ -42,7 +41,7 @@ def given(text: str, folder: Path = Path()) -> AnyTask:
 
 def content(task: AnyTask) -> Content:
     """By what a registry knows the task."""
-    return Content(task) if isinstance(task, str) else Content(task.spec.name, document_of(task.spec))
+    return Content(task) if isinstance(task, str) else Content(task.spec.name, task.spec.document())
 
 
 def typed(task: AnyTask) -> str:
@@ -58,6 +57,6 @@ def kept(name: str, definition: Mapping[str, Any] | None) -> AnyTask:
     """
     if definition is None:
         return name
-    from paddlectl.tasks.files import stored_task
+    from paddlectl.tasks.files.loading import stored_task
 
     return stored_task(name, definition)

@@ -24,15 +24,16 @@ ENTRY_POINTS = {
 }
 """Of each task, the class of its environment, which is made with the task's name."""
 
-OF_FILES = "paddlectl.tasks.minigrid.env:PaddleEnv"
-"""The same, of tasks from files."""
-
-LOOKS: dict[str, dict[str, Any]] = {OF_FILES: {"tile_size": 24, "highlight": False}}
+_ALL_SEEN = {"tile_size": 24, "highlight": False}
+LOOKS: dict[str, dict[str, Any]] = {
+    "paddlectl.tasks.minigrid.env:PaddleEnv": _ALL_SEEN,
+    "paddlectl.tasks.rooms.env:RoomsEnv": _ALL_SEEN,
+}
 """How pictures are made, where that isn't the usual way: nothing of the room is hidden from a policy."""
 
 FILE = environment_id("File")
-"""Gymnasium's name of all tasks from files; `task` is the file's path."""
+"""Gymnasium's name of all tasks from files; `task` is the file's path, or what it says."""
 
-gymnasium.register(id=FILE, entry_point="paddlectl.tasks.files:make_environment")
+gymnasium.register(id=FILE, entry_point="paddlectl.tasks.files.loading:make_environment")
 for _task, _entry_point in ENTRY_POINTS.items():
     gymnasium.register(id=environment_id(_task), entry_point=_entry_point, kwargs={"task": _task})

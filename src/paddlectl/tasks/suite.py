@@ -15,10 +15,9 @@ from paddlectl.errors import InvalidFileError, NotFoundError, PaddlectlError
 from paddlectl.plugins import Plugins, attribute, load_file, require_kind
 from paddlectl.registry.fields import BUDGET, TASK
 from paddlectl.registry.names import is_id
-from paddlectl.tasks.base import DefinedTask, Task
+from paddlectl.tasks.base import Defined, DefinedTask, Definition, Task
 from paddlectl.tasks.maze2d import layouts as maze2d
 from paddlectl.tasks.minigrid import layouts as minigrid
-from paddlectl.tasks.minigrid.words import Defined, document_of
 from paddlectl.tasks.stock import families as stock
 
 HORIZONS = range(1, 10**6 + 1)
@@ -98,9 +97,9 @@ def _require_steps(name: str, value: object, usual: range) -> None:
         raise ValueError(f"{name} must be a whole number in {usual[0]}..{usual[-1]:,}, not {value!r}")
 
 
-def _defined(spec: minigrid.Spec) -> Task:
-    task: Task = attribute("paddlectl.tasks.minigrid.engine:task_of")(spec)
-    return DefinedTask(**vars(task), told=json.dumps(document_of(spec)))
+def _defined(spec: Definition) -> Task:
+    task: Task = attribute(spec.MADE_BY)(spec)
+    return DefinedTask(**vars(task), told=json.dumps(spec.document()))
 
 
 def require_made(task: Task) -> None:

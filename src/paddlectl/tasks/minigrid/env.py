@@ -13,7 +13,7 @@ from minigrid.core.world_object import Ball, Box, Door, Floor, Goal, Key, Wall, 
 from minigrid.minigrid_env import MiniGridEnv
 
 from paddlectl.logic.atoms import Atom
-from paddlectl.tasks.base import Split
+from paddlectl.tasks.base import Defined, Split
 from paddlectl.tasks.environment import TaskEnv
 from paddlectl.tasks.minigrid.engine import Engine, State
 from paddlectl.tasks.minigrid.grid import (
@@ -31,7 +31,6 @@ from paddlectl.tasks.minigrid.grid import (
 from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, Spec, draw_layouts
 from paddlectl.tasks.minigrid.mission import Mission
 from paddlectl.tasks.minigrid.symbols import SUBGOALS
-from paddlectl.tasks.minigrid.words import Defined
 
 
 class Tile(Floor):

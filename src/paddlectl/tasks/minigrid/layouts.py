@@ -5,7 +5,7 @@ An eighth task of the same kind is one more entry in SPECS.
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Passage(Enum):
 
 @dataclass(frozen=True)
 class Spec:
-    """A task.
+    """A task of two rooms (`tasks.base.Definition`).
 
     Attributes:
         name: As typed on the command line.
@@ -42,6 +42,9 @@ class Spec:
         atoms: The vocabulary, in order.
         subgoals: The subgoals that programs may name.
     """
+
+    MADE_BY: ClassVar = "paddlectl.tasks.minigrid.engine:task_of"
+    ENVIRONMENT: ClassVar = "paddlectl.tasks.minigrid.env:PaddleEnv"
 
     name: str
     summary: str = field(compare=False)
@@ -57,6 +60,20 @@ class Spec:
     @property
     def things(self) -> tuple[Thing, ...]:
         return self.near + self.far
+
+    def document(self) -> dict[str, Any]:
+        """All that a task file may say of it, nothing left to be filled in."""
+        return {
+            "name": self.name,
+            "summary": self.summary,
+            "passage": self.passage.name.lower(),
+            "near": [thing.name.lower() for thing in self.near],
+            "far": [thing.name.lower() for thing in self.far],
+            "milestones": [subgoal.predicate.name for subgoal in self.milestones],
+            "success": [subgoal.predicate.name for subgoal in self.success],
+            "facts": [str(atom) for atom in self.atoms],
+            "subgoals": [subgoal.predicate.name for subgoal in self.subgoals],
+        }
 
 
 _DOOR = (s.KEY_IN_HAND, s.KEY_IN_SIGHT, s.OPEN, s.BLOCKED)

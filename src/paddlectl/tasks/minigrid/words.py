@@ -1,29 +1,11 @@
-"""The words of a task file, what each needs to make sense, and a task as such words for the registry."""
+"""The words of a file of two rooms, and what each needs to make sense."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
-from typing import Any
 
 from paddlectl.logic.atoms import Atom
 from paddlectl.tasks.minigrid import symbols as s
 from paddlectl.tasks.minigrid.grid import Thing
-from paddlectl.tasks.minigrid.layouts import Passage, Spec
-
-
-@dataclass(frozen=True)
-class Defined:
-    """A task as a file defines it. It prints as its name.
-
-    Attributes:
-        file: Where that was read; empty if it is from a registry.
-    """
-
-    spec: Spec
-    file: str = field(default="", compare=False)
-
-    def __str__(self) -> str:
-        return self.spec.name
-
+from paddlectl.tasks.minigrid.layouts import Passage
 
 PASSAGES = {passage.name.lower(): passage for passage in Passage}
 THINGS = {thing.name.lower(): thing for thing in Thing if thing < Thing.PASSAGE}
@@ -89,18 +71,3 @@ def subgoals_for(things: Collection[Thing], passage: Passage) -> tuple[Atom, ...
 def mission_of(success: Collection[Atom]) -> str:
     """What is to be done, in MiniGrid's own words."""
     return " and ".join(_MISSIONS[subgoal] for subgoal in success)
-
-
-def document_of(spec: Spec) -> dict[str, Any]:
-    """All that a task file may say of the task, nothing left to be filled in."""
-    return {
-        "name": spec.name,
-        "summary": spec.summary,
-        "passage": spec.passage.name.lower(),
-        "near": [thing.name.lower() for thing in spec.near],
-        "far": [thing.name.lower() for thing in spec.far],
-        "milestones": [subgoal.predicate.name for subgoal in spec.milestones],
-        "success": [subgoal.predicate.name for subgoal in spec.success],
-        "facts": [str(atom) for atom in spec.atoms],
-        "subgoals": [subgoal.predicate.name for subgoal in spec.subgoals],
-    }

@@ -14,7 +14,7 @@ The target is what the subgoal acts on. Without one its numbers are 0, and the d
 what solves the task.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -130,7 +130,7 @@ SUBGOALS = {
     ),
     "gt_box()": _subgoal(lambda f: f.box, lambda f: f.key_seen, lambda f: f.box != NOWHERE),
     "gt_key()": _subgoal(lambda f: f.key, lambda f: f.key_held, lambda f: f.key_seen and _free(f)),
-    "gt_door()": _subgoal(lambda f: f.door, lambda f: f.opened, lambda f: f.key_held),
+    "gt_door()": _subgoal(lambda f: f.door, lambda f: f.opened or f.spent, lambda f: f.key_held),
     "put_key()": _subgoal(_nothing, lambda f: not f.key_held and not f.blocked, lambda f: f.key_held),
     "gt_passage()": _subgoal(lambda f: f.passage, lambda f: f.clear, lambda f: f.passage != NOWHERE),
     "gt_target()": _subgoal(
@@ -154,21 +154,25 @@ def _solved(view: View) -> bool:
     return view.facts.target_held or view.facts.at_goal
 
 
-def make_task(name: str) -> Task:
-    """The task of that id."""
-    family, horizon = FAMILIES[name]
-    declared = GymnasiumTask(
-        env=f"minigrid:{name}",
+def told_in(atoms: Sequence[str], subgoals: Sequence[str], **more: Any) -> GymnasiumTask:
+    """A task of the domain over an environment of MiniGrid's kind, in these facts and subgoals."""
+    return GymnasiumTask(
         domain=DOMAIN,
-        summary=f"{family.summary} MiniGrid's own.",
-        horizon=horizon,
-        predicates={atom: PREDICATES[atom] for atom in family.atoms},
-        exclusions=tuple(each for each in EXCLUSIONS if set(each) <= set(family.atoms)),
-        subgoals={subgoal: SUBGOALS[subgoal] for subgoal in family.subgoals},
+        predicates={atom: PREDICATES[atom] for atom in atoms},
+        exclusions=tuple(each for each in EXCLUSIONS if set(each) <= set(atoms)),
+        subgoals={subgoal: SUBGOALS[subgoal] for subgoal in subgoals},
         domain_subgoals=tuple(SUBGOALS),
         success=_solved,
         flat=_flat,
         wrap=_watched,
         state=_view,
+        **more,
     )
-    return declared(name)
+
+
+def make_task(name: str) -> Task:
+    """The task of that id."""
+    family, horizon = FAMILIES[name]
+    summary = f"{family.summary} MiniGrid's own."
+    env = f"minigrid:{name}"
+    return told_in(family.atoms, family.subgoals, env=env, summary=summary, horizon=horizon)(name)
