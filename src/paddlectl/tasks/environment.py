@@ -53,6 +53,14 @@ class TaskEnv(gymnasium.Env[Any, Any]):
         return self.task
 
     @abstractmethod
+    def begin(self, start: Any) -> None:
+        """Begins an episode as `start` of its task's engine told.
+
+        Raises:
+            LookupError, TypeError or ValueError: If it can't have told that.
+        """
+
+    @abstractmethod
     def mirror_in(self, engine: Any) -> None:
         """Brings the one lane of its task's engine into the present state of this environment.
 

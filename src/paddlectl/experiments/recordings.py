@@ -1,0 +1,137 @@
+"""The two episodes of a run that can be played again: as the registry keeps them, and played."""
+
+from collections.abc import Collection, Iterator, Mapping
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from paddlectl.errors import IntegrityError, UsageError
+from paddlectl.tasks.base import Actions, Bools, Task
+from paddlectl.tasks.environment import can_be_drawn, drawn
+from paddlectl.tasks.suite import AnyTask, load
+
+if TYPE_CHECKING:
+    from paddlectl.agents.recording import Recorded
+
+
+def recordings_document(task: Task, action_repeat: int, kept: Mapping[str, "Recorded"]) -> dict[str, Any]:
+    """Episodes by their phase, `early` or `late`, as JSON. Numbers are exact."""
+    return {phase: _told(task, action_repeat, recorded) for phase, recorded in kept.items()}
+
+
+def _told(task: Task, action_repeat: int, recorded: "Recorded") -> dict[str, Any]:
+    episode, subgoals = recorded.episode, [] if recorded.subgoals is None else recorded.subgoals.tolist()
+    return {
+        "order": episode.order,
+        "frames": episode.finished,
+        "score": episode.score,
+        "length": episode.length,
+        "action_repeat": action_repeat,
+        "start": recorded.start,
+        "actions": _numbers(recorded.actions),
+        "subgoals": [
+            {"subgoal": str(task.domain_subgoals[which]), "actions": len([*some])}
+            for which, some in groupby(subgoals)
+        ],
+    }
+
+
+def _numbers(actions: NDArray[Any]) -> list[Any]:
+    """Actions, those of float32 in as few digits as tell them apart."""
+    if actions.dtype != np.float32:
+        return list(actions.tolist())
+    return [[float(str(number)) for number in action] for action in actions]
+
+
+class Moment(NamedTuple):
+    """A moment of an episode that is played again.
+
+    Attributes:
+        picture: [height, width, 3] uint8
+        t: Steps so far.
+        valuation: The truth of the vocabulary's atoms. [P]
+    """
+
+    picture: NDArray[np.uint8]
+    t: int
+    valuation: Bools
+
+
+def played_again(asked: AnyTask, told: Mapping[str, Any], shown: Collection[int]) -> Iterator[Moment]:
+    """Plays an episode as it was recorded.
+
+    Args:
+        asked: The task.
+        told: The episode, of a run's `recordings`.
+        shown: The steps before which, or after which at the end, it is shown.
+
+    Raises:
+        UsageError: If its episodes can't be played again, or not be drawn.
+        IntegrityError: If it comes out otherwise than it did.
+    """
+    try:
+        yield from _moments(asked, told, shown)
+    except (LookupError, TypeError, ValueError) as error:
+        raise IntegrityError(
+            f"an episode of {load(asked).name} comes out otherwise than it was recorded",
+            "use the version of paddlectl that recorded it",
+        ) from error
+
+
+def _moments(asked: AnyTask, told: Mapping[str, Any], shown: Collection[int]) -> Iterator[Moment]:
+    task = load(asked)
+    engine: Any = task.make(1, 0)
+    if not hasattr(engine, "begin"):
+        raise UsageError(f"{task.name} can't be played again", "its environment has no begin")
+    engine.begin(told["start"])
+    with _Drawing(asked, engine, told["start"]) as picture:
+        score, t, ended = 0.0, 0, False
+        for action in _each_step(told, engine.actions):
+            if ended:
+                raise ValueError("it ends before")
+            if t in shown:
+                yield Moment(picture(), t, engine.valuation()[0])
+            step = engine.step(action)
+            picture.step(action[0])
+            score, t = float(step.score[0]), int(engine.t[0])
+            ended = bool(step.terminated[0] or step.truncated[0])
+        if not ended or (score, t) != (told["score"], told["length"]):
+            raise ValueError("it ends otherwise")
+        if t in shown:
+            yield Moment(picture(), t, engine.valuation()[0])
+
+
+def _each_step(told: Mapping[str, Any], actions: Actions) -> Iterator[NDArray[Any]]:
+    """The action of each step. [1, ...]"""
+    for step in range(told["length"]):
+        yield np.array([told["actions"][step // told["action_repeat"]]], actions.dtype)
+
+
+class _Drawing:
+    """Draws the one lane of a task's engine: by the task's own environment, which goes along with it."""
+
+    def __init__(self, asked: AnyTask, engine: Any, start: Any) -> None:
+        self._engine = engine
+        self._env: Any = drawn(asked) if can_be_drawn(asked) else None
+        if self._env is not None:
+            self._env.begin(start)
+        elif not hasattr(engine, "picture"):
+            raise UsageError(f"{asked} can't be drawn", "its environment has no picture")
+
+    def __enter__(self) -> "_Drawing":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._env is not None:
+            self._env.close()
+
+    def step(self, action: NDArray[Any]) -> None:
+        if self._env is not None:
+            self._env.step(action)
+
+    def __call__(self) -> NDArray[np.uint8]:
+        """[height, width, 3]"""
+        shown: NDArray[np.uint8] = self._engine.picture(0) if self._env is None else self._env.render()
+        return shown
