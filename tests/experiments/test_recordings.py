@@ -77,15 +77,18 @@ def test_an_episode_comes_through_the_same_states_again(name: str) -> None:
         assert (float(step.score[0]), int(again.t[0])) == (each["score"], length)
         assert (episodes[number].score, episodes[number].length) == (each["score"], each["length"])
         *_, end = played_again(name, each, {0, length})
-        assert end.t == length and end.picture.shape[2] == 3
+        assert end.t == length and end.picture is not None and end.picture.shape[2] == 3
         assert end.valuation.tolist() == again.valuation()[0].tolist()
 
 
 def test_pictures_are_those_of_the_steps_that_are_asked_for() -> None:
     _, told, _ = wandered(suite.load("GapBall"), 1)
-    shown = [*played_again("GapBall", told["late"], {0, 7, 320})]
+    moments = [*played_again("GapBall", told["late"], {0, 7, 320})]
+    assert [moment.t for moment in moments] == [*range(321)]
+    shown = [moment for moment in moments if moment.picture is not None]
     assert [moment.t for moment in shown] == [0, 7, 320]
     first, second, last = (moment.picture for moment in shown)
+    assert first is not None and second is not None and last is not None
     assert first.shape == second.shape and not np.array_equal(first, last)
 
 

@@ -49,23 +49,23 @@ class Moment(NamedTuple):
     """A moment of an episode that is played again.
 
     Attributes:
-        picture: [height, width, 3] uint8
         t: Steps so far.
         valuation: The truth of the vocabulary's atoms. [P]
+        picture: [height, width, 3] uint8; None where none is asked for.
     """
 
-    picture: NDArray[np.uint8]
     t: int
     valuation: Bools
+    picture: NDArray[np.uint8] | None
 
 
 def played_again(asked: AnyTask, told: Mapping[str, Any], shown: Collection[int]) -> Iterator[Moment]:
-    """Plays an episode as it was recorded.
+    """Plays an episode as it was recorded: the moment before each step, and the end.
 
     Args:
         asked: The task.
         told: The episode, of a run's `recordings`.
-        shown: The steps before which, or after which at the end, it is shown.
+        shown: The moments of which there is a picture, by their steps so far.
 
     Raises:
         UsageError: If its episodes can't be played again, or not be drawn.
@@ -91,16 +91,14 @@ def _moments(asked: AnyTask, told: Mapping[str, Any], shown: Collection[int]) ->
         for action in _each_step(told, engine.actions):
             if ended:
                 raise ValueError("it ends before")
-            if t in shown:
-                yield Moment(picture(), t, engine.valuation()[0])
+            yield Moment(t, engine.valuation()[0], picture() if t in shown else None)
             step = engine.step(action)
             picture.step(action[0])
             score, t = float(step.score[0]), int(engine.t[0])
             ended = bool(step.terminated[0] or step.truncated[0])
         if not ended or (score, t) != (told["score"], told["length"]):
             raise ValueError("it ends otherwise")
-        if t in shown:
-            yield Moment(picture(), t, engine.valuation()[0])
+        yield Moment(t, engine.valuation()[0], picture() if t in shown else None)
 
 
 def _each_step(told: Mapping[str, Any], actions: Actions) -> Iterator[NDArray[Any]]:
