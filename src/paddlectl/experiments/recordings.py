@@ -13,6 +13,7 @@ from paddlectl.tasks.environment import can_be_drawn, drawn
 from paddlectl.tasks.suite import AnyTask, load
 
 if TYPE_CHECKING:
+    from paddlectl.agents.base import Policy
     from paddlectl.agents.recording import Recorded
 
 
@@ -43,6 +44,32 @@ def _numbers(actions: NDArray[Any]) -> list[Any]:
     if actions.dtype != np.float32:
         return list(actions.tolist())
     return [[float(str(number)) for number in action] for action in actions]
+
+
+def played_anew(policy: "Policy", task: Task, seed: int) -> dict[str, Any]:
+    """An episode of a policy on an unseen layout, as `played_again` takes it; nothing is learned.
+
+    Args:
+        policy: Who plays.
+        task: Which; another than the policy's must be of its domain.
+        seed: Of the layout and of all chance.
+
+    Raises:
+        UsageError: If its episodes can't be played again.
+    """
+    from paddlectl.agents.interaction import Interaction
+    from paddlectl.agents.recording import Recorder
+
+    environment: Any = task.make(1, seed, policy.action_repeat, "evaluation")
+    if not hasattr(environment, "start"):
+        raise _no_second_time(task)
+    recorder = Recorder(environment, task.horizon)
+    interaction = Interaction(environment, policy.player(task, 1, np.random.SeedSequence(seed)), recorder)
+    while not interaction.run(1):
+        pass
+    if not recorder.kept:
+        raise _no_second_time(task)
+    return _told(task, policy.action_repeat, recorder.kept["early"])
 
 
 class Moment(NamedTuple):
@@ -84,7 +111,7 @@ def _moments(asked: AnyTask, told: Mapping[str, Any], shown: Collection[int]) ->
     task = load(asked)
     engine: Any = task.make(1, 0)
     if not hasattr(engine, "begin"):
-        raise UsageError(f"{task.name} can't be played again", "its environment has no begin")
+        raise _no_second_time(task)
     engine.begin(told["start"])
     with _Drawing(asked, engine, told["start"]) as picture:
         score, t, ended = 0.0, 0, False
@@ -105,6 +132,13 @@ def _each_step(told: Mapping[str, Any], actions: Actions) -> Iterator[NDArray[An
     """The action of each step. [1, ...]"""
     for step in range(told["length"]):
         yield np.array([told["actions"][step // told["action_repeat"]]], actions.dtype)
+
+
+def _no_second_time(task: Task) -> UsageError:
+    return UsageError(
+        f"an episode of {task.name} can't be played again",
+        "its environment has no start() and begin(), or the episode is too long",
+    )
 
 
 class _Drawing:
