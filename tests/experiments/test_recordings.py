@@ -10,7 +10,7 @@ from paddlectl.agents import recording
 from paddlectl.agents.base import Episode, Player
 from paddlectl.agents.interaction import Interaction
 from paddlectl.agents.recording import Choice, Recorder
-from paddlectl.errors import IntegrityError
+from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments.recordings import played_again, recordings_document
 from paddlectl.hybrid.settings import settings_for
 from paddlectl.tasks import suite
@@ -90,6 +90,16 @@ def test_pictures_are_those_of_the_steps_that_are_asked_for() -> None:
     first, second, last = (moment.picture for moment in shown)
     assert first is not None and second is not None and last is not None
     assert first.shape == second.shape and not np.array_equal(first, last)
+
+
+def test_a_fault_of_a_plug_in_that_draws_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise KeyError("x")
+
+    _, told, _ = wandered(suite.load("MiniGrid-DoorKey-5x5-v0"), 1)
+    monkeypatch.setattr("paddlectl.tasks.lanes.GymnasiumEnvironment.picture", fails)
+    with pytest.raises(PaddlectlError, match="can't be drawn: KeyError"):
+        [*played_again("MiniGrid-DoorKey-5x5-v0", told["late"], {0})]
 
 
 START = {"agent": 17, "facing": 0, "things": {"BOX": 33, "BALL": 40, "PASSAGE": 37}}

@@ -110,6 +110,9 @@ def test_recordings_are_told_and_an_older_run_has_none(registry):
         {"length": 319},
         {"length": -1},
         {"action_repeat": 0.5},
+        {"action_repeat": 0},
+        {"action_repeat": 2},
+        {"length": 0, "actions": []},
         {"start": [1]},
         {"actions": "up"},
         {"actions": ["up"] * 320},
@@ -117,6 +120,7 @@ def test_recordings_are_told_and_an_older_run_has_none(registry):
         {"actions": [0] * 319},
         {"subgoals": [["gt_key()", 3]]},
         {"subgoals": [{"subgoal": "gt_key()", "actions": -1}]},
+        {"subgoals": [{"subgoal": "gt_key()", "actions": 10**15}]},
     ],
     ids=str,
 )

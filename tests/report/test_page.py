@@ -249,6 +249,12 @@ def test_one_that_cant_be_played_again_is_told_and_the_rest_stands(
     assert "12</td>" in text
 
 
+def test_an_action_may_outlast_its_episode(registry: Registry) -> None:
+    once = {"actions": [0], "action_repeat": 2**60, "subgoals": [{"subgoal": "gt_ball()", "actions": 1}]}
+    record(registry, recording() | once)
+    assert "gt_ball() :- {" in page(registry)
+
+
 def test_without_recordings_it_is_as_it_was(registry: Registry) -> None:
     registry.files.write_document("run-3", "recordings", {})
     reseal(registry, "run-3")

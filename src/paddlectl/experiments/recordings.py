@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from paddlectl.errors import IntegrityError, UsageError
+from paddlectl import plugins
+from paddlectl.errors import IntegrityError, PaddlectlError, UsageError
 from paddlectl.tasks.base import Actions, Bools, Task
 from paddlectl.tasks.environment import can_be_drawn, drawn
 from paddlectl.tasks.suite import AnyTask, load
@@ -165,5 +166,12 @@ class _Drawing:
 
     def __call__(self) -> NDArray[np.uint8]:
         """[height, width, 3]"""
-        shown: NDArray[np.uint8] = self._engine.picture(0) if self._env is None else self._env.render()
+        try:
+            shown: NDArray[np.uint8] = self._engine.picture(0) if self._env is None else self._env.render()
+        except PaddlectlError:
+            raise
+        except Exception as error:  # of a plug-in
+            raise PaddlectlError(
+                f"an episode can't be drawn: {plugins.told(error)}", "mend the task"
+            ) from error
         return shown

@@ -167,7 +167,8 @@ def _scene(task: Task, valuation: Bools) -> tuple[str, ...]:
 def _goals(recording: Document) -> Iterator[str]:
     """What each step goes for; nothing without subgoals."""
     for told in recording["subgoals"]:
-        yield from [clean(told["subgoal"])] * (told["actions"] * recording["action_repeat"])
+        steps = min(told["actions"] * recording["action_repeat"], recording["length"])
+        yield from [clean(told["subgoal"])] * steps
 
 
 def _followed(
