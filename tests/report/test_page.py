@@ -186,7 +186,7 @@ def test_a_recorded_episode_is_a_film(registry: Registry) -> None:
     assert (
         'aria-label="An episode as moving pictures: not solved, 320 steps. It goes for gt_blockage()' in text
     )
-    assert "a picture of every 20th" in text
+    assert "a picture each 20 steps" in text
     (frames,) = re.findall(r"@keyframes early \{(.*?)\n\}", text, re.S)
     steps = [int(step) for step in re.findall(r"--step: (\d+);", frames)]
     assert steps == [*range(0, 320, 20), 320]

@@ -306,7 +306,7 @@ def _film(shown: Film, recording: Document, labels: Labels, colours: Mapping[str
         "end": f"{(len(frames) - 0.5) / PER_SECOND:.1f}",
         "last": len(frames) - 1,
         "length": f"{shown.steps[-1]:,}",
-        "thinned": "" if every == 1 else f"; a picture of every {every}th",
+        "thinned": "" if every == 1 else f"; a picture each {every} steps",
         "outcome": _outcome(recording).capitalize(),
         "alt": f"An episode as moving pictures: {_outcome(recording)}. " + _way(goals),
         "parts": parts,
