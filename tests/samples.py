@@ -197,6 +197,24 @@ def decision() -> dict[str, Any]:
     }
 
 
+def recording(task: str = TARGET, *goals: str) -> dict[str, Any]:
+    """An episode, as a run keeps it, in which all is done in vain; it goes for each of these in turn."""
+    engine: Any = load(task).make(1, 0)
+    actions = np.random.default_rng(0).integers(4, size=load(task).horizon).tolist()
+    each = len(actions) // max(1, len(goals))
+    counts = [each] * (len(goals) - 1) + [len(actions) - each * (len(goals) - 1)]
+    return {
+        "order": 4,
+        "frames": 5000,
+        "score": 0.0,
+        "length": len(actions),
+        "action_repeat": 1,
+        "start": engine.start(0),
+        "actions": actions,
+        "subgoals": [{"subgoal": goal, "actions": n} for goal, n in zip(goals, counts, strict=bool(goals))],
+    }
+
+
 SCENARIO = """\
 name: A
 target: BlockedBoxUnlockPickup

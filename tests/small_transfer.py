@@ -7,10 +7,11 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
+from paddlectl.agents import recording
 from paddlectl.experiments import policies
 from paddlectl.experiments.jobs import TransferJob
 from paddlectl.experiments.runner import run_transfer
-from paddlectl.methods import finetune, paddle
+from paddlectl.methods import finetune
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Guidance, Scenario
 
@@ -19,7 +20,7 @@ TARGET = "BlockedBoxUnlockPickup"
 SMALL = {"num_envs": 8, "rollout_steps": 32, "low_level": {"epochs": 1}}
 """Eight lanes, so that a few thousand frames hold a few dozen episodes."""
 
-SHORT = ((paddle, "EARLY", 8), (finetune, "TRIALS", 2), (policies, "EVALUATION_EPISODES", 8))
+SHORT = ((recording, "EARLY", 8), (finetune, "TRIALS", 2), (policies, "EVALUATION_EPISODES", 8))
 """Module, name and value: what is shorter, too."""
 
 

@@ -1,6 +1,7 @@
 """`watch`: a GIF of an episode with its subgoals, and the same in a terminal."""
 
 import gzip
+import io
 import os
 import pty
 import re
@@ -15,12 +16,14 @@ from PIL import Image
 from paddlectl.experiments.runner import random_source
 from paddlectl.experiments.watching import watched
 from paddlectl.methods.base import method_of
-from paddlectl.registry.bundles import bundles
+from paddlectl.registry.bundles import archive, bundles
 from paddlectl.registry.store import Registry
+from paddlectl.report import replay
 from paddlectl.report.frames import LAST, blocks, gif
+from paddlectl.report.replay import MOST, replay_gif
 from paddlectl.tasks.suite import load
 from released import BUNDLES
-from samples import ROOT, Answer, Command
+from samples import ROOT, Answer, Command, add_source
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 
@@ -83,6 +86,37 @@ def test_an_unseen_layout_is_played_and_equal_seeds_play_alike(tmp_path: Path) -
     )
     assert len(one) == len(other) and all(map(np.array_equal, one, other))
     assert not np.array_equal(one[0], third[0])
+
+
+def test_a_bundle_shows_an_episode_of_its_policy(place: Path, command: Command, tmp_path: Path) -> None:
+    def exported(name: str, registry: Path) -> dict[str, bytes]:
+        file = tmp_path / f"{len([*tmp_path.iterdir()])}.zip"
+        assert command("registry", "export", name, str(file), "--registry", str(registry)).code == 0
+        return archive.unpack(file.read_bytes(), file.name)
+
+    members = exported("BoxDoor", place)
+    assert len(members["replay.gif"]) < bundles.LONGEST_REPLAY
+    with Image.open(io.BytesIO(members["replay.gif"])) as picture:
+        assert 2 < picture.n_frames <= MOST + 1
+    assert exported("run-1", place)["replay.gif"] == members["replay.gif"]
+    bundles.import_(lambda: Registry.open(tmp_path / "other"), tmp_path / "0.zip")
+    assert exported("policy-1", tmp_path / "other") == members
+
+
+def test_one_that_cant_be_played_has_no_picture(tmp_path: Path) -> None:
+    registry = Registry.open(tmp_path / "registry")
+    add_source(registry, "BoxDoor", None)
+    assert replay_gif(registry, registry.policy("policy-1")) == b""
+
+
+def test_a_picture_that_would_be_too_large_has_fewer(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    registry = Registry.open(place)
+    whole = replay_gif(registry, registry.policy("policy-1"))
+    monkeypatch.setattr(replay, "LONGEST_REPLAY", len(whole) - 1)
+    fewer = replay_gif(registry, registry.policy("policy-1"))
+    assert 0 < len(fewer) < len(whole)
+    monkeypatch.setattr(replay, "LONGEST_REPLAY", 1000)
+    assert replay_gif(registry, registry.policy("policy-1")) == b""
 
 
 def test_in_a_terminal_it_is_drawn_with_what_it_goes_for(place: Path) -> None:

@@ -21,6 +21,7 @@ from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.curves import LearningCurve
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.log import ended_episodes, recorded
+from paddlectl.experiments.recordings import played_again
 from paddlectl.experiments.resuming import resume
 from paddlectl.experiments.runner import train_source
 from paddlectl.experiments.stop import Stop
@@ -123,6 +124,25 @@ def test_stopped_every_few_rounds_it_ends_the_same(
     assert ended(registry, run.id) == unbroken[kind]
     assert not list((place / "runs" / run.id / "checkpoints").glob("*"))
     assert check(place, read_data=True).findings == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_was_recorded_is_played_again(unbroken: Unbroken, kind: str) -> None:
+    run = unbroken[kind]
+    (told,), rows = run["files"]["recordings.json"], run["files"]["episodes.jsonl"]
+    ends = {(row["order"], row["frames"], row["score"], row["length"]) for row in rows}
+    assert told
+    with small_enough(kind):
+        for each in told.values():
+            assert (each["order"], each["frames"], each["score"], each["length"]) in ends
+            *_, end = played_again(run["run"]["task"], each, {each["length"]})
+            assert end.t == each["length"] and end.picture is not None
+    (trace,) = run["files"].get("trace.json", [{}])
+    for phase in told.keys() & trace.keys():
+        assert sum(decision["steps"] for decision in trace[phase]) == told[phase]["length"]
+        subgoals = [each["subgoal"] for each in told[phase]["subgoals"] for _ in range(each["actions"])]
+        assert subgoals == [decision["head"] for decision in trace[phase] for _ in range(decision["steps"])]
+    assert trace.keys() - {"score_early", "score_late"} in (set(), told.keys())
 
 
 def stopped(registry: Registry, rounds: int = 3) -> str:

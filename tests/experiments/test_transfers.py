@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from paddlectl.agents import recording
 from paddlectl.experiments.runner import run_transfer
-from paddlectl.methods import paddle
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import load
@@ -219,7 +219,7 @@ def test_other_seeds_and_other_rules_give_other_policies(transfer):
 
 def test_weights_are_told_once_when_the_early_episodes_are_over_in_the_last_round(transfer, monkeypatch):
     """Eight lanes that time out together, after 320 steps, in the fifth round of 64."""
-    monkeypatch.setattr(paddle, "EARLY", 8)
+    monkeypatch.setattr(recording, "EARLY", 8)
     short = job(transfer.policies, "paper", frames=8 * 320)
     row = run_transfer(short, transfer.registry, lambda _: None)
     rows = transfer.registry.files.read_rows(row["run"], "weights")

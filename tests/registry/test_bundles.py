@@ -87,6 +87,38 @@ def test_a_bundle_is_a_model_folder(bundle: dict[str, bytes]) -> None:
     assert json.loads(bundle["config.json"])["run"]["task"] == "BoxDoor"
 
 
+GIF = b"GIF89a" + bytes(100)
+
+
+@pytest.mark.parametrize("name", ["policy-1", "run-1"])
+def test_an_episode_of_the_policy_goes_with_it(full: Registry, tmp_path: Path, name: str) -> None:
+    one, two = tmp_path / "one.zip", tmp_path / "two.zip"
+    bundles.export(full, name, one, lambda policy: GIF + policy.task.encode())
+    members = archive.unpack(one.read_bytes(), "one.zip")
+    assert members["replay.gif"] == GIF + b"BoxDoor"
+    text = members["README.md"].decode()
+    assert "](replay.gif)" in text and "| `replay.gif` | an episode" in text
+    told = take_in(tmp_path / "other", one)
+    other = Registry.open(tmp_path / "other")
+    bundles.export(other, told["run" if name == "run-1" else "policy"], two, lambda _: GIF + b"BoxDoor")
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_the_card_is_as_the_hub_reads_it(bundle: dict[str, bytes]) -> None:
+    """The fields that it demands of a model card's metadata, and their kinds."""
+    card = yaml.safe_load(bundle["README.md"].decode().split("---\n", 2)[1])
+    assert card["library_name"] == "paddlectl" and card["pipeline_tag"] == "reinforcement-learning"
+    assert all(isinstance(tag, str) and 0 < len(tag) < 100 for tag in card["tags"])
+    for model in card["model-index"]:
+        assert model.keys() == {"name", "results"} and isinstance(model["name"], str)
+        for result in model["results"]:
+            assert result.keys() == {"task", "dataset", "metrics"}
+            assert all(isinstance(result[part][field], str) for part in ("task", "dataset")
+                       for field in ("type", "name"))  # fmt: skip
+            for metric in result["metrics"]:
+                assert isinstance(metric["type"], str) and type(metric["value"]) in (int, float)
+
+
 def test_what_isnt_to_be_exported(full: Registry, add: Any, tmp_path: Path) -> None:
     add.run()
     with pytest.raises(UsageError, match="goes on"):
@@ -151,6 +183,14 @@ def linked(name: str) -> zipfile.ZipInfo:
     return info
 
 
+def with_replay(members: Members, data: bytes) -> Members:
+    """Behind the model, where it stands."""
+    found: Members = {}
+    for name, each in members.items():
+        found |= {name: each} | ({"replay.gif": data} if name == "model.safetensors" else {})
+    return found
+
+
 PICKLE = b"\x80\x04cos\nsystem\n(S'touch canary'\ntR."
 NAMES = [
     "../escape.json", "/tmp/escape.json", "C:\\escape.json", "..\\escape.json", "run/../../escape.json",
@@ -179,6 +219,9 @@ HOSTILE: dict[str, Callable[[Members], bytes]] = {
     "another order": lambda m: archive.pack(dict(sorted(m.items()))),
     "a member less": lambda m: sealed({n: d for n, d in m.items() if n != "results.json"}),
     "no model": lambda m: sealed({n: d for n, d in m.items() if n != "model.safetensors"}),
+    "a replay that is none": lambda m: sealed(with_replay(m, b"<svg/>")),
+    "a replay without end": lambda m: sealed(with_replay(m, b"GIF89a" + bytes(bundles.LONGEST_REPLAY))),
+    "a replay at another place": lambda m: sealed(m | {"replay.gif": GIF}),
     "no manifest": lambda m: archive.pack({n: d for n, d in m.items() if n != "manifest.json"}),
     "a lying manifest": lambda m: archive.pack(m | {"program.txt": b"1.0 :: gt_door() :- has_key(agent)"}),
     "a manifest of nothing": lambda m: archive.pack(m | {"manifest.json": b"{}\n"}),

@@ -7,7 +7,17 @@ from paddlectl.registry.store import Registry
 from paddlectl.report.explained import explanation_parts
 from paddlectl.report.explanation import explanation_document
 from paddlectl.report.output import print_text
-from samples import BLOCKED_DOOR, GAP_BALL, add_source, add_transfer, decision, program, weight_rows
+from samples import (
+    BLOCKED_DOOR,
+    GAP_BALL,
+    add_source,
+    add_transfer,
+    decision,
+    program,
+    recording,
+    reseal,
+    weight_rows,
+)
 
 
 @pytest.fixture
@@ -82,6 +92,43 @@ def test_damaged_rows_of_weights_are_refused(registry, damage):
 def test_damaged_decisions_are_refused(registry, damage):
     with pytest.raises(IntegrityError, match=r"trace\.json"):
         explained(registry, trace=decision() | damage)
+
+
+def test_recordings_are_told_and_an_older_run_has_none(registry):
+    assert explained(registry)["recordings"] == []
+    told = {"late": recording(), "early": recording()}
+    registry.files.write_document("run-4", "recordings", told)
+    found = explanation_document(registry, registry.run("run-4"))
+    assert found["recordings"] == [{"phase": "early"} | recording(), {"phase": "late"} | recording()]
+    assert "recordings" not in found["documents"]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"score": "0"},
+        {"length": 319},
+        {"length": -1},
+        {"action_repeat": 0.5},
+        {"action_repeat": 0},
+        {"action_repeat": 2},
+        {"length": 0, "actions": []},
+        {"start": [1]},
+        {"actions": "up"},
+        {"actions": ["up"] * 320},
+        {"actions": [[None]] * 320},
+        {"actions": [0] * 319},
+        {"subgoals": [["gt_key()", 3]]},
+        {"subgoals": [{"subgoal": "gt_key()", "actions": -1}]},
+        {"subgoals": [{"subgoal": "gt_key()", "actions": 10**15}]},
+    ],
+    ids=str,
+)
+def test_damaged_recordings_are_refused(registry, damage):
+    registry.files.write_document("run-3", "recordings", {"early": recording() | damage})
+    reseal(registry, "run-3")
+    with pytest.raises(IntegrityError, match=r"recordings\.json"):
+        explanation_document(registry, registry.run("run-3"))
 
 
 def test_what_the_horizon_cut_off_is_neither_reached_nor_missed(registry, capsys):

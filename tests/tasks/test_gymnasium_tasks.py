@@ -126,6 +126,23 @@ def test_it_steps_as_the_environment_alone_does(task: GymnasiumTask) -> None:
     assert over > LANES and (died > 0 or task.continuous)
 
 
+@pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
+def test_an_episode_begins_again_by_its_start(task: GymnasiumTask) -> None:
+    batch, again, rng = environment(task), environment(task, num_envs=2), np.random.default_rng(0)
+    batch.reset(np.arange(LANES) == 3)
+    again.step(again.actions.sample(rng, 2))
+    again.begin(batch.start(3))
+    assert again.t.tolist() == [0, 0] and again.start(1) == batch.start(3)
+    for _ in range(task.horizon):
+        actions = batch.actions.sample(rng, LANES)
+        step, other = batch.step(actions), again.step(actions[[3, 3]])
+        assert [each[1] for each in other] == [each[3] for each in step]
+        assert (again.flat_state()[1] == batch.flat_state()[3]).all()
+    for wrong in ({"seed": -1}, {"seed": 2**31}, {"seed": 0.5}, {"seed": True}, {}):
+        with pytest.raises((KeyError, ValueError)):
+            again.begin(wrong)
+
+
 def test_what_it_pays_and_shows() -> None:
     frozen = replace(LAKE, options={"is_slippery": False}, own_reward=10.0)
     batch, way = environment(frozen, num_envs=2), [1, 1, 2, 2, 1, 2]

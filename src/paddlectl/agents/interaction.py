@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from paddlectl.agents.base import Agent, Episode, Player
+from paddlectl.agents.recording import Recorder
 from paddlectl.tasks.base import Environment, Step
 
 
@@ -25,13 +26,19 @@ class Round(NamedTuple):
 class Interaction:
     """B environments and who acts in them.
 
+    Args:
+        environment: They.
+        player: Who acts.
+        recorder: Keeps some of the episodes, if there is one.
+
     Attributes:
         frames: Steps of the task so far, of all environments together.
     """
 
-    def __init__(self, environment: Environment, player: Player) -> None:
+    def __init__(self, environment: Environment, player: Player, recorder: Recorder | None = None) -> None:
         self.environment = environment
         self.player = player
+        self.recorder = recorder
         self.frames = 0
         self._order = np.arange(environment.num_envs)
         self._started = np.zeros(environment.num_envs, np.intp)
@@ -43,7 +50,10 @@ class Interaction:
     def _step(self) -> list[Episode]:
         environment = self.environment
         before = environment.t.sum()
-        step = environment.step(self.player.act(environment))
+        actions = self.player.act(environment)
+        if self.recorder is not None:
+            self.recorder.add(actions, self.player.subgoals())
+        step = environment.step(actions)
         self.frames += int(environment.t.sum() - before)
         self.player.observe(environment, step)
         return self._finish(step)
@@ -64,6 +74,9 @@ class Interaction:
             )
             for lane in lanes
         ]
+        if self.recorder is not None:
+            for episode, lane in zip(episodes, lanes.tolist(), strict=True):
+                self.recorder.end(self.environment, episode, lane)
         self.environment.reset(done)
         self._order[lanes] = self._order.max() + 1 + np.arange(len(lanes))
         self._started[lanes] = self.frames
@@ -77,15 +90,18 @@ class Learning:
         environment: B environments.
         agent: Who learns.
         frames: The budget: as many whole rounds as it holds, and one at least.
+        recorder: Keeps some of the episodes, if there is one.
 
     Attributes:
         round: Frames of a round, at most.
         left: Rounds to come.
     """
 
-    def __init__(self, environment: Environment, agent: Agent, frames: int) -> None:
+    def __init__(
+        self, environment: Environment, agent: Agent, frames: int, recorder: Recorder | None = None
+    ) -> None:
         self.agent = agent
-        self.interaction = Interaction(environment, agent)
+        self.interaction = Interaction(environment, agent, recorder)
         self.budget = frames
         self.round = agent.rollout_steps * environment.num_envs * environment.action_repeat
         self.left = max(1, frames // self.round)

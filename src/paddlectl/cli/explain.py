@@ -68,9 +68,12 @@ def explain(
 
 
 def _write(path: Path, registry: "Registry", run: "RunRecord", document: "Mapping[str, Any]") -> None:
+    from paddlectl.cli.quiet import stdout_kept
     from paddlectl.report.page import explanation_page
 
-    write_output(path, explanation_page(registry, run, document).encode())
+    with stdout_kept():  # environments that are drawn may print
+        page = explanation_page(registry, run, document)
+    write_output(path, page.encode())
 
 
 def transfer_run(registry: "Registry", run: str) -> "RunRecord":

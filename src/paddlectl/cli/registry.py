@@ -170,16 +170,19 @@ def export(
 ) -> None:
     """Write a policy, or a run with its tables, as one file: a zipped model folder with its card."""
     from paddlectl.cli.named import held
+    from paddlectl.cli.quiet import stdout_kept
     from paddlectl.registry.bundles import bundles
     from paddlectl.registry.records import RunRecord
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import clean, print_json, print_text
+    from paddlectl.report.replay import replay_gif
     from paddlectl.tasks.naming import is_file
 
-    with Registry.open(registry, create=False) as opened:
+    with Registry.open(registry, create=False) as opened, stdout_kept():
         record = held(opened, name)
         known = isinstance(record, RunRecord) or is_file(name)
-        told = bundles.export(opened, record.id if known else name, file)
+        name = record.id if known else name
+        told = bundles.export(opened, name, file, lambda policy: replay_gif(opened, policy))
     if as_json:
         print_json(told)
     else:

@@ -7,17 +7,19 @@ from typing import Any
 import numpy as np
 
 from paddlectl.agents.interaction import Learning
+from paddlectl.agents.recording import Recorder
 from paddlectl.agents.settings import changed, leaves
 from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.curves import LearningCurve
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.log import RunLog, ended_episodes, recorded, versions
 from paddlectl.experiments.policies import definition_of, keep, revive
+from paddlectl.experiments.recordings import recordings_document
 from paddlectl.experiments.similar import stored_program
 from paddlectl.methods.base import Method, Setup, Source, method_of
 from paddlectl.methods.catalogue import entry_of, require_actions
 from paddlectl.methods.changes import RULES
-from paddlectl.registry.records import PolicyRecord, RunRecord
+from paddlectl.registry.records import RECORDINGS, PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.suite import AnyTask, load
 
@@ -198,7 +200,8 @@ def _learned(
     environment = setup.task.make(
         settings.num_envs, int(layouts.generate_state(1)[0]), settings.action_repeat
     )
-    learning = Learning(environment, agent, setup.frames)
+    recorder = Recorder(environment, setup.task.horizon) if hasattr(environment, "start") else None
+    learning = Learning(environment, agent, setup.frames, recorder)
     _keep_documents(registry, run, agent.documents())
     checkpointer.tell_of_rounds(setup.frames, learning.round)
     with checkpointer.rounds(registry, log, {"learning": learning}) as after_round:
@@ -213,6 +216,9 @@ def _learned(
             after_round()
     _keep_rows(registry, run, agent.close())
     _keep_documents(registry, run, agent.documents())
+    if recorder is not None:
+        told = recordings_document(setup.task, settings.action_repeat, recorder.kept)
+        registry.files.write_document(run.id, RECORDINGS, told)
     return keep(registry, run, agent.policy(), log)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from paddlectl.agents import recording
 from paddlectl.agents.base import Episode, ReuseRow, Tables
 from paddlectl.agents.settings import changed
 from paddlectl.hybrid.agent import HybridAgent
@@ -24,8 +25,6 @@ from paddlectl.transfer.guidance import GuidanceSettings
 from paddlectl.transfer.recorder import GuideRecorder
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
-EARLY = 100
-"""Episodes of the early phase."""
 PAPER_STEPS = 50
 """Most of a decision in `guidance: paper`; with half of them it gives up what nobody taught the target."""
 MOMENTS = 100
@@ -70,8 +69,8 @@ class PaddleAgent(HybridAgent):
     `GuideSelector.select`); its return is taken down (lines 16-19, `GuideSelector.on_decision_end`); after
     each rollout the target learns from all of it (line 22). The sources stay as they are.
 
-    It keeps the weights and an episode of the first hundred, and of the last tenth of the run; and, shorter,
-    the weights at a hundred moments.
+    It keeps the weights of the first hundred episodes, and of the last tenth of the run; shorter, those at a
+    hundred moments; and the decisions of the two episodes that can be played again.
     """
 
     def __init__(
@@ -91,6 +90,7 @@ class PaddleAgent(HybridAgent):
         self._mapping = mapping
         self._frames = frames
         self._phase, self._since, self._now, self._moment = "early", 0, 0, 0
+        self._choice = recording.Choice()
         self._trace: dict[str, Any] = {}
 
     def reuse(self) -> Sequence[ReuseRow]:
@@ -111,10 +111,10 @@ class PaddleAgent(HybridAgent):
     def record(self, frames: int, episodes: Sequence[Episode], known: int) -> Tables:
         """The weights at each moment, and those at the end of the early phase."""
         for episode, decisions in zip(episodes, self.guides.traces, strict=True):
-            self._keep_trace(episode.score, decisions)
+            self._keep_trace(episode, decisions)
         self.guides.traces.clear()
         self._now, tenth = frames, self._frames // 10
-        if self._phase == "early" and known >= EARLY:
+        if self._phase == "early" and known >= recording.EARLY:
             tables = self.close()
             self._phase, self._since = "late", frames
             self._recorder.clear()
@@ -141,13 +141,12 @@ class PaddleAgent(HybridAgent):
         """Ψ, and an episode of each phase decision by decision, once there is one."""
         return {"mapping": self._mapping, **({"trace": self._trace} if self._trace else {})}
 
-    def _keep_trace(self, score: float, decisions: Sequence[guides.TracedDecision]) -> None:
-        """The first solved episode of the early phase and the latest of the late; any if none is solved."""
-        best = self._trace.get(f"score_{self._phase}", -1.0)
-        if (self._phase == "early" and best > 0) or (score == 0 and best >= 0):
-            return
-        self._trace[self._phase] = self._recorder.trace(decisions)
-        self._trace[f"score_{self._phase}"] = score
+    def _keep_trace(self, episode: Episode, decisions: Sequence[guides.TracedDecision]) -> None:
+        """Of the two episodes that can be played again."""
+        phase = self._choice.phase(episode)
+        if phase is not None:
+            self._trace[phase] = self._recorder.trace(decisions)
+            self._trace[f"score_{phase}"] = episode.score
 
 
 def make(setup: Setup) -> PaddleAgent:

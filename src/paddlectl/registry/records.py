@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 RUN_STATES = ("running", "finished", "failed", "interrupted")
 
+RECORDINGS = "recordings"
+"""The document of a run that has the episodes which can be played again."""
+
 DEFINITION = "definition"
 """Under which a run's settings and a policy's metadata keep what a task file said of their task."""
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from paddlectl.errors import IntegrityError
 from paddlectl.registry.names import ELSEWHERE
-from paddlectl.registry.records import RunRecord
+from paddlectl.registry.records import RECORDINGS, RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.report.programs import program_document
 
@@ -43,7 +43,18 @@ _REUSE = {
     "reached": int | None,
 }
 _MOMENT = {"frames": int, "scene": int, "chosen": int, **_WEIGHING}
-_OWN_TEXT = {"mapping", "trace"}  # documents that are told each in a way of its own
+_RECORDED = {
+    "order": int,
+    "frames": int,
+    "score": float,
+    "length": int,
+    "action_repeat": int,
+    "start": dict,
+    "actions": list,
+    "subgoals": list,
+}
+_GOAL = {"subgoal": str, "actions": int}
+_OWN_TEXT = {"mapping", "trace", RECORDINGS}  # documents that are told each in a way of its own
 
 _COUNT = range(2**63)
 _LARGEST = sys.float_info.max
@@ -51,6 +62,8 @@ _LARGEST = sys.float_info.max
 
 def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
     """The fields that `explain --json` promises, and the scores of the two traced episodes.
+
+    `recordings` are the episodes that can be played again (`experiments.recordings`).
 
     `program` and `source_programs` are programs as `show` gives them; `program` is null if the run stored no
     policy. `reuse` has the rows of `agents.base.ReuseRow`, `documents` what else the method has to tell.
@@ -62,10 +75,12 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
     mapping = files.read_document(run.id, "mapping")
     weights = weight_rows(registry, run)
     trace = files.read_document(run.id, "trace") or {}
+    recordings = files.read_document(run.id, RECORDINGS) or {}
     reuse = reuse_rows(registry, run)
     others = [name for name in files.document_names(run.id) if name not in _OWN_TEXT]
     told = {name: files.read_document(run.id, name) for name in others}
     _check(run.id, mapping, trace)
+    _check_recordings(run.id, recordings)
     for name, document in told.items():
         _demand(run.id, f"{name}.json", [document], {})
     return {
@@ -85,6 +100,7 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
         "reuse": reuse,
         "documents": told,
         "trace": [{"phase": phase, **decision} for phase in PHASES for decision in trace.get(phase, ())],
+        "recordings": [{"phase": phase, **recordings[phase]} for phase in PHASES if phase in recordings],
         "trace_scores": {phase: trace.get(f"score_{phase}") for phase in PHASES},
     }
 
@@ -130,6 +146,23 @@ def _check(run: str, mapping: Any, trace: Any) -> None:
         _demand(run, "trace.json", trace.get(phase, []), _DECISION, _DECISION_MORE)
         for decision in trace.get(phase, []):
             _demand(run, "trace.json", decision["weights"], _WEIGHING)
+
+
+def _check_recordings(run: str, recordings: Any) -> None:
+    file = f"{RECORDINGS}.json"
+    _demand(run, file, [recordings], {})
+    for told in recordings.values():
+        _demand(run, file, [told], _RECORDED)
+        _demand(run, file, told["subgoals"], _GOAL)
+        known = all(_is(int, action) or _is([float], action) for action in told["actions"])
+        count, lasts = len(told["actions"]), told["action_repeat"]
+        goals = sum(goal["actions"] for goal in told["subgoals"])
+        if (
+            not known
+            or goals not in (0, count)
+            or not max(0, count - 1) * lasts < told["length"] <= count * lasts
+        ):
+            raise _strange(run, file)
 
 
 def _demand(

@@ -1,8 +1,12 @@
-"""An explanation as a page: what `explain` tells, with pictures; without scripts, and without a network."""
+"""An explanation as a page: what `explain` tells, with pictures. It needs no network, and no scripts."""
 
+import base64
+import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import resources
+from itertools import groupby
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -18,16 +22,22 @@ from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.report.explained import SHORTEST, WHY
 from paddlectl.report.explanation import PHASES, TARGET
+from paddlectl.report.film import COLUMNS, PER_SECOND, Film, film
 from paddlectl.report.mapping import Labels, labels_for, scene_text
 from paddlectl.report.output import clean
 from paddlectl.report.settings import numbers
 from paddlectl.report.summary import FIGURES, TERMS, context_text, header_parts, verdict
-from paddlectl.report.svg import Line, lines, stacked
+from paddlectl.report.svg import COLOURS, Line, lines, stacked
+from paddlectl.report.tables import percent
 
 MOST_SCENES = 8
 """Panels of who led over training."""
 PARTS = 25
 """Of a run, in each of which the shares are counted."""
+MOST_PARTS = 150
+"""Rows of an episode without decisions."""
+MOST_GOALS = 12
+"""Subgoals of an episode that are told to whom can't see it."""
 CURVE_SIZE, PANEL_SIZE = (560, 220), (340, 150)
 
 Document = Mapping[str, Any]
@@ -50,6 +60,7 @@ def explanation_page(registry: Registry, run: RunRecord, document: Document) -> 
         lstrip_blocks=True,
     )
     labels = labels_for(document)
+    script = resources.files("paddlectl.report").joinpath("templates/page.js").read_text(encoding="utf-8")
     title, sources, _ = map(str, header_parts(run, labels))
     colours = _colours(document)
     return environment.get_template("page.html.j2").render(
@@ -64,7 +75,9 @@ def explanation_page(registry: Registry, run: RunRecord, document: Document) -> 
         psi=_psi(document, labels),
         program=_program(registry, run, document),
         documents=[(name, _json(told)) for name, told in document["documents"].items()],
-        episodes=[*_episodes(document, labels)],
+        episodes=[*_episodes(run, document, colours)],
+        script=script,
+        script_hash=f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}",
         unusual=numbers(run)["unusual"],
         settings=_json(run.settings),
         versions=sorted(run.versions.items()),
@@ -224,15 +237,94 @@ def _program(registry: Registry, run: RunRecord, document: Document) -> dict[str
     }
 
 
-def _episodes(document: Document, labels: Labels) -> Iterator[dict[str, Any]]:
+def _episodes(run: RunRecord, document: Document, colours: Mapping[str, int]) -> Iterator[dict[str, Any]]:
+    labels = labels_for(document)
+    recordings = {each["phase"]: each for each in document["recordings"]}
     for phase in PHASES:
         decisions = [decision for decision in document["trace"] if decision["phase"] == phase]
-        if decisions:
-            yield {
-                "phase": phase,
-                "score": document["trace_scores"][phase],
-                "rows": [_decision(decision, labels) for decision in decisions],
-            }
+        recording = recordings.get(phase)
+        if not decisions and recording is None:
+            continue
+        shown, note = None, ""
+        if recording is not None:
+            try:
+                played = film(run, recording, decisions, document["reuse"])
+                shown = _film(played, recording, labels, colours)
+            except PaddlectlError as error:
+                note = f"Without pictures: {clean(error.message)}."
+        yield {
+            "phase": phase,
+            "title": _title(phase, recording, document["trace_scores"][phase], bool(decisions)),
+            "note": note,
+            "film": shown,
+            "rows": [_decision(decision, labels) for decision in decisions],
+        }
+
+
+def _title(phase: str, recording: Document | None, score: float | None, traced: bool) -> str:
+    title = f"One {phase} episode" + (", decision by decision" if traced else "")
+    if recording is not None:
+        return f"{title}: {_outcome(recording)}, until frame {recording['frames']:,}"
+    return title if score is None else f"{title}; score {score:.2f}"
+
+
+def _outcome(recording: Document) -> str:
+    solved = f"solved, score {recording['score']:.2f}" if recording["score"] > 0 else "not solved"
+    return f"{solved}, {recording['length']:,} steps"
+
+
+def _film(shown: Film, recording: Document, labels: Labels, colours: Mapping[str, int]) -> dict[str, Any]:
+    """What the page's template tells of a film."""
+    parts = [
+        {
+            "first": part.first,
+            "scene": part.scene,
+            "subgoal": part.subgoal,
+            "leader": part.leader and _name(part.leader, labels),
+            "led": "leads" if part.share is None else f"is mostly followed here, {percent(part.share)}",
+            "share": "" if part.share is None else percent(part.share),
+            "colour": _colour(part.leader, colours),
+        }
+        for part in shown.parts
+    ]
+    frames, (width, height) = [*shown.frames()], shown.size
+    every = shown.steps[1] - shown.steps[0] if len(shown.steps) > 2 else 1
+    end = frames[-1]
+    goals = [goal for goal, _ in groupby(part.subgoal for part in shown.parts if part.subgoal)]
+    return {
+        "sheet": shown.sheet,
+        "width": width,
+        "height": height,
+        "columns": COLUMNS,
+        "rows": shown.rows,
+        "frames": frames,
+        "colours": [*(part["colour"] for part in parts), "rule"],
+        "still": f"--across: {end.across:.3f}%; --down: {end.down:.3f}%; --step: {end.step}; "
+        f"--part: {end.part}; --leads: var(--rule)",
+        "each": 1000 // PER_SECOND,
+        "lasts": f"{shown.seconds:.1f}",
+        "end": f"{(len(frames) - 0.5) / PER_SECOND:.1f}",
+        "last": len(frames) - 1,
+        "length": f"{shown.steps[-1]:,}",
+        "thinned": "" if every == 1 else f"; a picture each {every} steps",
+        "outcome": _outcome(recording).capitalize(),
+        "alt": f"An episode as moving pictures: {_outcome(recording)}. " + _way(goals),
+        "parts": parts,
+        "goals": bool(goals),
+        "leaders": any(part.leader for part in shown.parts),
+        "most": MOST_PARTS,
+    }
+
+
+def _way(goals: Sequence[str]) -> str:
+    if not goals:
+        return "The table tells what held when."
+    more = len(goals) - MOST_GOALS
+    return f"It goes for {', then '.join(goals[:MOST_GOALS])}{f' and {more} more' if more > 0 else ''}."
+
+
+def _colour(policy: str, colours: Mapping[str, int]) -> str:
+    return f"c{colours[policy] % COLOURS}" if policy in colours else "rule"
 
 
 def _decision(decision: Document, labels: Labels) -> dict[str, Any]:

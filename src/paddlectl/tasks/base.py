@@ -121,6 +121,10 @@ class Environment(Protocol):
 
     One that can't be put back where it was, for a stopped run to go on, has `exact`, which is False.
 
+    One whose episodes can be played again has `start(lane)`, a JSON object that tells how the lane's episode
+    began, and `begin(start)`, which begins an episode so in all lanes; it raises LookupError, TypeError or
+    ValueError for what `start` can't have told.
+
     Attributes:
         num_envs: B.
         observation_size: D.

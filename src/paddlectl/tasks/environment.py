@@ -53,6 +53,14 @@ class TaskEnv(gymnasium.Env[Any, Any]):
         return self.task
 
     @abstractmethod
+    def begin(self, start: Any) -> None:
+        """Begins an episode as `start` of its task's engine told.
+
+        Raises:
+            LookupError, TypeError or ValueError: If it can't have told that.
+        """
+
+    @abstractmethod
     def mirror_in(self, engine: Any) -> None:
         """Brings the one lane of its task's engine into the present state of this environment.
 
@@ -80,18 +88,17 @@ def can_be_drawn(task: Any) -> bool:
     return not isinstance(task, str) or task in registration.ENTRY_POINTS
 
 
-def drawn(task: Any) -> TaskEnv:
-    """The environment of a task, on unseen layouts, whose `render` gives a picture.
+def drawn(task: Any, split: Split = "evaluation") -> TaskEnv:
+    """The environment of a task whose `render` gives a picture.
 
     Args:
         task: One that `can_be_drawn`.
+        split: Of which its layouts are.
     """
     named = isinstance(task, str)
     where = registration.ENTRY_POINTS[task] if named else task.spec.ENVIRONMENT
     module, _, name = where.partition(":")
     made = getattr(import_module(module), name)
     given = task if named else task.spec
-    env: TaskEnv = made(
-        given, split="evaluation", render_mode="rgb_array", **registration.LOOKS.get(where, {})
-    )
+    env: TaskEnv = made(given, split=split, render_mode="rgb_array", **registration.LOOKS.get(where, {}))
     return env

@@ -1,7 +1,7 @@
 """The lanes of a task over a Gymnasium environment (`tasks.gymnasium`), stepped one after another."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -22,6 +22,7 @@ MILESTONE = 0.1
 """What each milestone pays, once an episode."""
 
 _PROBED = 50  # steps
+_SEEDS = 2**31
 
 
 class _Lane(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -141,13 +142,32 @@ class GymnasiumEnvironment(Environment):
         chosen = np.ones(self.num_envs, np.bool_) if lanes is None else np.asarray(lanes, np.bool_)
         for lane in np.flatnonzero(chosen):
             self.seeds[lane] = self._seed()
-        self._begin(chosen)
-        self.t[chosen] = 0
-        self._paid[chosen] = self._finished[chosen] = False
+        self._restart(chosen)
+
+    def _restart(self, lanes: Bools) -> None:
+        self._begin(lanes)
+        self.t[lanes] = 0
+        self._paid[lanes] = self._finished[lanes] = False
+
+    def start(self, lane: int) -> dict[str, int]:
+        """How the lane's episode began: by its seed."""
+        return {"seed": int(self.seeds[lane])}
+
+    def begin(self, start: Mapping[str, Any]) -> None:
+        """Begins all lanes by what `start` told.
+
+        Raises:
+            KeyError or ValueError: If it can't have told that.
+        """
+        seed = start["seed"]
+        if type(seed) is not int or seed not in range(_SEEDS):
+            raise ValueError(f"no seed of an episode: {seed!r}")
+        self.seeds[:] = seed
+        self._restart(np.ones(self.num_envs, np.bool_))
 
     def _seed(self) -> int:
         while True:
-            seed = self._rng.integers(2**31, size=(1, 1))
+            seed = self._rng.integers(_SEEDS, size=(1, 1))
             if belongs(seed, self._split)[0]:
                 return int(seed[0, 0])
 

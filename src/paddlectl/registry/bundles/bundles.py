@@ -1,7 +1,8 @@
 """A policy or a run as one file, and back: a zipped model folder that holds all that the registry knows.
 
 Nothing in it depends on the registry that it came from, so it is the same byte for byte when it is exported
-again elsewhere. README.md and program.pl are for people and other programs; they are written, never read.
+again elsewhere. README.md, program.pl and replay.gif are for people and other programs; they are written,
+never read.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -25,14 +26,26 @@ from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 
 FORMAT = "paddlectl bundle 1"
+REPLAY = "replay.gif"
+LONGEST_REPLAY = 300_000
+"""Bytes."""
 _LONGEST_DOCUMENT = 1 << 20
+_GIF = b"GIF89a"
 
 
 # Export
 
 
-def export(registry: Registry, name: str, path: Path) -> dict[str, Any]:
+def export(
+    registry: Registry, name: str, path: Path, replay: Callable[[PolicyRecord], bytes] = lambda _: b""
+) -> dict[str, Any]:
     """Writes a run with its tables, or a policy with what it came from, to a new file.
+
+    Args:
+        registry: Where it is.
+        name: A run's or a policy's id, or a task's name for its best policy.
+        path: The file.
+        replay: Gives an episode of a policy as a GIF; nothing if there can't be one.
 
     Raises:
         NotFoundError: If there is no such run or policy.
@@ -42,7 +55,8 @@ def export(registry: Registry, name: str, path: Path) -> dict[str, Any]:
     if path.exists() or path.is_symlink():
         raise UsageError(f"{path} is there already", "give a new file")
     run, policy, tables = _whole(registry, name)
-    members = _members(run, policy, registry.read_checkpoint(policy) if policy else b"", tables)
+    checkpoint = registry.read_checkpoint(policy) if policy else b""
+    members = _members(run, policy, checkpoint, replay(policy) if policy else b"", tables)
     _sound(members, f"{name} can't be exported", "run: paddlectl registry check")  # as import would say
     data = archive.pack(members)
     if len(data) > archive.LARGEST:
@@ -85,7 +99,7 @@ def _goes_on(run: RunRecord) -> UsageError:
 
 
 def _members(
-    run: RunRecord, policy: PolicyRecord | None, checkpoint: bytes, tables: dict[str, bytes]
+    run: RunRecord, policy: PolicyRecord | None, checkpoint: bytes, replay: bytes, tables: dict[str, bytes]
 ) -> dict[str, bytes]:
     told = {name: getattr(run, name) for name in fields.RUN}
     told["sources"] = [source.removeprefix(ELSEWHERE) for source in run.sources]
@@ -104,6 +118,8 @@ def _members(
             members["program.txt"] = policy.program.encode()
             members["program.pl"] = format_prolog(_program(policy.program, policy.id)).encode()
         members["model.safetensors"] = checkpoint
+    if replay:
+        members[REPLAY] = replay
     members |= {f"run/{name}": tables[name] for name in sorted(tables)}
     readme = card(config, results, ["README.md", *members, "manifest.json"]).encode()
     members = {"README.md": readme, **members}
@@ -183,7 +199,7 @@ def _checked(members: dict[str, bytes]) -> tuple[Any, Any, dict[str, bytes]]:
     expected = ["README.md", "config.json", "results.json"]
     if policy is not None:
         expected += ["program.txt", "program.pl"] if "program.txt" in members else []
-        expected += ["model.safetensors"]
+        expected += ["model.safetensors", *([REPLAY] if REPLAY in members else [])]
     if list(members) != expected + [f"run/{name}" for name in sorted(tables)]:
         raise IntegrityError("it has other files than a bundle has")
     _demand(config["run"], fields.RUN, "run")
@@ -194,6 +210,7 @@ def _checked(members: dict[str, bytes]) -> tuple[Any, Any, dict[str, bytes]]:
         if "program.txt" in members:
             _program(members["program.txt"].decode(), "it")
         _demand_tensors(members["model.safetensors"])
+        _demand_gif(members.get(REPLAY, _GIF))
     for name, data in tables.items():
         _demand_table(name, data)
     return config, results, tables
@@ -222,6 +239,11 @@ def _demand_tensors(data: bytes) -> None:
         safetensors.deserialize(data)  # type: ignore[no-untyped-call]
     except safetensors.SafetensorError as error:
         raise IntegrityError(f"model.safetensors is none: {str(error)[:100]!r}") from None
+
+
+def _demand_gif(data: bytes) -> None:
+    if not data.startswith(_GIF) or len(data) > LONGEST_REPLAY:
+        raise IntegrityError(f"{REPLAY} is none")
 
 
 def _demand_table(name: str, data: bytes) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 def card(config: dict[str, Any], results: dict[str, Any], files: list[str]) -> str:
     """The card's Markdown, its metadata in front as YAML; values are JSON, which YAML reads too."""
     run, policy = config["run"], config["policy"]
+    picture = "\n![An episode that it never trained on](replay.gif)\n" if "replay.gif" in files else ""
     symbolic, prolog = ("  - neuro-symbolic\n", _PROLOG) if "program.pl" in files else ("", "")
     task = run["task"]
     figures = results["policy"] or results["run"]
@@ -31,6 +32,7 @@ model-index:
     return f"""\
 ---
 library_name: paddlectl
+pipeline_tag: reinforcement-learning
 tags:
   - reinforcement-learning
 {symbolic}  - {json.dumps(run["method"])}
@@ -38,7 +40,7 @@ tags:
 {index if metrics else ""}---
 
 # {_plain(run["method"])} on {_plain(task)}
-
+{picture}
 {_what(run, policy)}
 
 | figure | value |
@@ -72,5 +74,6 @@ _HOLDS = {
     "program.txt": "the clause program, each clause with its probability",
     "program.pl": "the same as Prolog",
     "model.safetensors": "networks, and clause weights if there are any",
+    "replay.gif": "an episode on a layout that it never trained on",
     "manifest.json": "the SHA-256 of every file",
 }

@@ -3,7 +3,9 @@
 `env.PaddleMazeEnv` is the same definition on gymnasium-robotics' PointMaze; a test holds both to it.
 """
 
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +21,8 @@ from paddlectl.tasks.maze2d.layouts import (
     Spec,
     distances,
     draw_starts,
+    position_of,
+    start_of,
 )
 from paddlectl.tasks.maze2d.observe import FLAT_SIZE, OBSERVATION_SIZE, flat_state, observe
 from paddlectl.tasks.maze2d.physics import PointMasses
@@ -66,6 +70,7 @@ class Engine:
         self.facts: Ints = np.zeros(num_envs, dtype=np.intp)
         self.touched: Bools = np.zeros((num_envs, len(PLACES)), dtype=np.bool_)
         self._finished: Bools = np.zeros(num_envs, dtype=np.bool_)
+        self._began: Points = np.zeros((num_envs, 2))
         self.masses = PointMasses(num_envs)
         self.reset()
 
@@ -77,6 +82,18 @@ class Engine:
     def set_starts(self, starts: Points) -> None:
         """Starts all lanes from given positions, one a lane. [B, 2]"""
         self._start(np.arange(self.num_envs), starts)
+
+    def start(self, lane: int) -> dict[str, Any]:
+        """How the lane's episode began."""
+        return start_of(self._began[lane])
+
+    def begin(self, start: Mapping[str, Any]) -> None:
+        """Begins all lanes by what `start` told.
+
+        Raises:
+            KeyError, TypeError or ValueError: If it can't have told that.
+        """
+        self.set_starts(np.tile(position_of(start), (self.num_envs, 1)))
 
     def set_state(self, positions: Points, velocities: Points, facts: Ints, t: Ints) -> None:
         """Puts all lanes into the midst of episodes; called after each step, it keeps what was touched.
@@ -95,6 +112,7 @@ class Engine:
 
     def _start(self, lanes: Ints, starts: Points) -> None:
         self.masses.put(lanes, starts)
+        self._began[lanes] = starts
         self.t[lanes] = 0
         self.facts[lanes] = 0
         self._finished[lanes] = False

@@ -28,6 +28,7 @@ from paddlectl.tasks.maze2d.layouts import (
     SPECS,
     Points,
     draw_starts,
+    position_of,
 )
 
 try:
@@ -98,6 +99,10 @@ class PaddleMazeEnv(TaskEnv):
         self._point.reset()
         self.place(draw_starts(self.np_random, 1, self.split)[0])
         return self.observation(), {}
+
+    def begin(self, start: Any) -> None:
+        self._point.reset()
+        self.place(position_of(start))
 
     def place(self, start: Points) -> None:
         """Starts an episode from a given position. [2]"""

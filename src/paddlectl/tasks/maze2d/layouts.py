@@ -3,7 +3,9 @@
 A fourth task of the same kind is one more entry in SPECS.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +37,8 @@ RADIUS = 0.4
 START = (1, 1)
 NOISE = 0.25
 """A start lies this far from its cell's centre at most, in x and in y."""
+
+_ROUNDED = 1e-9  # metres
 
 SQUARE = 2 * NOISE / 8
 """Starts of one square of this side, in metres, are of one split. Evaluation begins in squares where no
@@ -150,6 +154,23 @@ def draw_starts(rng: np.random.Generator, count: int, split: Split = "training")
         drawn.append(starts[starts_of(starts, split)])
         missing -= len(drawn[-1])
     return np.concatenate(drawn)
+
+
+def start_of(position: Points) -> dict[str, list[float]]:
+    """A start as JSON. [2]"""
+    return {"position": position.tolist()}
+
+
+def position_of(start: Mapping[str, Any]) -> Points:
+    """The position that `start_of` told. [2]
+
+    Raises:
+        KeyError, TypeError or ValueError: If no episode begins there.
+    """
+    position: Points = np.array(start["position"], np.float64)
+    if position.shape != (2,) or not (np.abs(position - centre(*START)) <= NOISE + _ROUNDED).all():
+        raise ValueError("no start of a maze")
+    return position
 
 
 def starts_of(starts: Points, split: Split) -> Bools:

@@ -3,9 +3,12 @@
 `env.PaddleEnv` is the same definition on MiniGrid's own objects; a test holds both to it.
 """
 
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from paddlectl.tasks.base import Actions, Bools, Floats, Ints, Split, Step, Task, Vocabulary
 from paddlectl.tasks.minigrid import symbols
@@ -29,7 +32,17 @@ from paddlectl.tasks.minigrid.grid import (
     Thing,
     outcome_index,
 )
-from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, Spec, build_grid, draw_layouts
+from paddlectl.tasks.minigrid.layouts import (
+    HORIZON,
+    SPECS,
+    Layouts,
+    Passage,
+    Spec,
+    build_grid,
+    draw_layouts,
+    layout_of,
+    start_of,
+)
 from paddlectl.tasks.minigrid.observe import OBSERVATION_SIZE, Observer, obstacle_rows, update_rows
 
 _ON_GOAL = int(symbols.Fact.ON_GOAL)
@@ -126,6 +139,7 @@ class Engine:
         self.t: Ints = np.zeros(num_envs, dtype=np.intp)
         self._earned: Ints = np.zeros(num_envs, dtype=np.intp)
         self._finished: Bools = np.zeros(num_envs, dtype=np.bool_)
+        self._began = np.zeros((num_envs, 2 + len(Thing)), dtype=np.int16)
         self._fill_pool()
         self.state = State.start(spec, draw_layouts(spec, np.random.default_rng(0), num_envs))
         self.reset()
@@ -140,17 +154,34 @@ class Engine:
             taken = slice(self._used, min(self._used + len(waiting), _POOL))
             count = taken.stop - taken.start
             self.state.assign(waiting[:count], self._pool, taken)
+            self._began[waiting[:count]] = self._starts[taken]
             self._used += count
             waiting = waiting[count:]
 
     def _fill_pool(self) -> None:
-        self._pool = State.start(self.spec, draw_layouts(self.spec, self._rng, _POOL, self.split))
+        layouts = draw_layouts(self.spec, self._rng, _POOL, self.split)
+        self._pool, self._starts = State.start(self.spec, layouts), _rows(layouts)
         self._used = 0
 
     def set_layouts(self, layouts: Layouts) -> None:
         """Starts all lanes from given layouts, one a lane."""
         self.state = State.start(self.spec, layouts)
+        self._began[:] = _rows(layouts)
         self._restart(np.arange(self.num_envs))
+
+    def start(self, lane: int) -> dict[str, Any]:
+        """How the lane's episode began."""
+        agent, facing, *where = self._began[lane].tolist()
+        return start_of(agent, facing, where)
+
+    def begin(self, start: Mapping[str, Any]) -> None:
+        """Begins all lanes by what `start` told.
+
+        Raises:
+            KeyError, TypeError or ValueError: If it can't have told that.
+        """
+        layout = layout_of(self.spec, start)
+        self.set_layouts(Layouts(*(values.repeat(self.num_envs, axis=0) for values in layout)))
 
     def set_state(self, state: State, t: Ints, paid: Ints) -> None:
         """Puts all lanes into the midst of episodes.
@@ -259,6 +290,12 @@ class Engine:
     def available(self, subgoals: Ints) -> Bools:
         """Whether each lane's subgoal has something to act on and doesn't hold already. [B]"""
         return self._available.take(subgoals * symbols.FACTS + self.state.facts)
+
+
+def _rows(layouts: Layouts) -> NDArray[np.int16]:
+    """Layouts as rows of agent, facing and where. [n, 11]"""
+    rows: NDArray[np.int16] = np.column_stack(layouts).astype(np.int16)
+    return rows
 
 
 def make_task(name: str, milestone_reward: float = 0.1) -> Task:

@@ -28,7 +28,7 @@ from paddlectl.tasks.minigrid.grid import (
     Held,
     Thing,
 )
-from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, Spec, draw_layouts
+from paddlectl.tasks.minigrid.layouts import HORIZON, SPECS, Layouts, Passage, Spec, draw_layouts, layout_of
 from paddlectl.tasks.minigrid.mission import Mission
 from paddlectl.tasks.minigrid.symbols import SUBGOALS
 
@@ -109,6 +109,9 @@ class PaddleEnv(TaskEnv, MiniGridEnv):
 
     def _gen_grid(self, width: int, height: int) -> None:
         self.place(draw_layouts(self.spec_of_task, self.np_random, 1, self.split))
+
+    def begin(self, start: Any) -> None:
+        self.place(layout_of(self.spec_of_task, start))
 
     def place(self, layouts: Layouts, index: int = 0) -> None:
         """Starts an episode from one of the given layouts."""

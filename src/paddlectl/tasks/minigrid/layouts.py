@@ -3,6 +3,7 @@
 An eighth task of the same kind is one more entry in SPECS.
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, ClassVar, NamedTuple
@@ -188,6 +189,37 @@ class Layouts(NamedTuple):
     def of(self, split: Split) -> Bools:
         """Whether each belongs to a split, which its facing has no part in. [n]"""
         return belongs(np.column_stack([self.agent, self.where]), split)
+
+
+def start_of(agent: int, facing: int, where: Iterable[int]) -> dict[str, Any]:
+    """A layout as JSON: cells by number, of things that are there."""
+    things = {thing.name: int(cell) for thing, cell in zip(Thing, where, strict=True) if cell != ABSENT}
+    return {"agent": int(agent), "facing": int(facing), "things": things}
+
+
+def layout_of(spec: Spec, start: Mapping[str, Any]) -> Layouts:
+    """The one layout that `start_of` told.
+
+    Raises:
+        KeyError, TypeError or ValueError: If it is none of that task.
+    """
+    agent, facing, things = start["agent"], start["facing"], start["things"]
+    cells = {Thing[name]: cell for name, cell in dict(things).items()}
+    inside = {y * WIDTH + x for y in range(1, HEIGHT - 1) for x in range(1, WIDTH - 1) if x != MIDDLE}
+    told = [agent, *(cells[thing] for thing in spec.things)]
+    passages = {y * WIDTH + MIDDLE for y in range(1, HEIGHT - 1)}
+    if not (
+        cells.keys() == {*spec.things, Thing.PASSAGE}
+        and all(type(number) is int for number in (facing, *told))
+        and inside.issuperset(told)
+        and len({*told}) == len(told)
+        and cells[Thing.PASSAGE] in passages
+        and facing in range(4)
+    ):
+        raise ValueError(f"no start of {spec.name}")
+    where: Ints = np.full((1, len(Thing)), ABSENT)
+    where[0, list(cells)] = list(cells.values())
+    return Layouts(np.array([agent]), np.array([facing]), where)
 
 
 _ROOM = 6  # rooms are 6 x 6 cells

@@ -61,6 +61,9 @@ class RoomsEnv(TaskEnv, MiniGridEnv):
     def asked(self) -> Defined:
         return Defined(self.plan)
 
+    def begin(self, start: Any) -> None:
+        self.reset(seed=start["seed"])
+
     def _gen_grid(self, width: int, height: int) -> None:
         self.place(self._ground.drawn_of(self.split, self.np_random))
 
