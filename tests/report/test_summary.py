@@ -78,15 +78,15 @@ def test_who_led_at_first_and_for_what_and_when_the_target_took_over() -> None:
     moments += [moment(9000, "target", 3), moment(9000, "policy-2", 2)]
     assert told(weights=EARLY + late, moments=moments) == (
         "Until frame 3,000 the decisions were led 60 % by Door (for gt_blockage()), 25 % by Gap"
-        " (for gt_key()) and 15 % by the target itself. From frame 2,000 on the target led most of them."
-        " In the end the target leads in 1 of the 2 scenes that come up most, Gap in {has_key(env)}."
+        " (for gt_key()) and 15 % by the target itself. From frame 2,000 on the target led most of them;"
+        " in the end the target leads in 1 of the 2 scenes that come up most, Gap in {has_key(env)}."
     )
 
 
 def test_a_target_that_led_most_from_the_start_or_never() -> None:
     late = [weight("late", A, "target", 9, 9, 9000)]
     start = told(weights=EARLY + late, moments=[moment(1000, "target", 2), moment(1000, "policy-1", 1)])
-    assert "The target led most of them from the start. In the end the target leads in the one scene" in start
+    assert "The target led most of them from the start; in the end the target leads in the one scene" in start
     never = told(weights=EARLY, moments=[moment(1000, "target", 9), moment(2000, "policy-1", 1)])
     assert never.endswith("The target never led most of them for good.")
 
@@ -99,7 +99,7 @@ def test_of_a_method_that_follows_the_first_and_the_last_period_are_told() -> No
     rows = [followed(1000, A, "policy-1", 3), followed(1000, A, "target", 1), followed(2000, A, "target", 5)]
     assert told(reuse=rows) == (
         "Until frame 1,000 the decisions were led 75 % by Door and 25 % by the target itself. From frame"
-        " 2,000 on the target led most of them. In the end the target leads in the one scene that comes up"
+        " 2,000 on the target led most of them; in the end the target leads in the one scene that comes up"
         " most."
     )
     assert told(reuse=[followed(1000, A, "target", 0)]) == "" == told()

@@ -143,12 +143,13 @@ def _followed(rows: Sequence[Document]) -> Phase | None:
 
 
 def verdict(document: Document, labels: Labels) -> list[RenderableType]:
-    """Who led at first, when the target took over, and where others lead in the end: a sentence each."""
+    """Two sentences: who led at first; when the target took over, and where others lead in the end."""
     early, late = phases(document)
     if not early:
         return []
-    sentences = [_at_first(early, document, labels), *_taken_over(document), *_at_the_end(late, labels)]
-    return ["", " ".join(sentences)]
+    second = "; ".join([*_taken_over(document), *_at_the_end(late, labels)])
+    second = f" {second[0].upper()}{second[1:]}." if second else ""
+    return ["", f"{_at_first(early, document, labels)}{second}"]
 
 
 def _at_first(early: Phase, document: Document, labels: Labels) -> str:
@@ -197,11 +198,11 @@ def _taken_over(document: Document) -> Iterator[str]:
     if not moments:
         return
     if since is None:
-        yield "The target never led most of them for good."
+        yield "the target never led most of them for good"
     elif since == min(moments):
-        yield "The target led most of them from the start."
+        yield "the target led most of them from the start"
     else:
-        yield f"From frame {since:,} on the target led most of them."
+        yield f"from frame {since:,} on the target led most of them"
 
 
 def _at_the_end(late: Phase | None, labels: Labels) -> Iterator[str]:
@@ -215,14 +216,14 @@ def _at_the_end(late: Phase | None, labels: Labels) -> Iterator[str]:
         all_ = (
             f"all of the {len(leaders)} scenes that come" if len(leaders) > 1 else "the one scene that comes"
         )
-        yield f"In the end the target leads in {all_} up most."
+        yield f"in the end the target leads in {all_} up most"
         return
     scene, policy = others[0]
     elsewhere = " and elsewhere" if len(others) > 1 else ""
     own = len(leaders) - len(others) or "none"
     yield (
-        f"In the end the target leads in {own} of the {len(leaders)} scenes that come up most,"
-        f" {labels(policy)} in {context_text(scene)}{elsewhere}."
+        f"in the end the target leads in {own} of the {len(leaders)} scenes that come up most,"
+        f" {labels(policy)} in {context_text(scene)}{elsewhere}"
     )
 
 
