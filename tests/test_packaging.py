@@ -21,6 +21,11 @@ import sys
 from setuptools import build_meta
 print(getattr(build_meta, sys.argv[1])(sys.argv[2]))
 """
+SHIPPED = """
+from paddlectl import shipped
+from paddlectl.studies.study import load_study
+print(shipped.__file__, len(load_study(shipped.study("paper/fig6b")).scenarios))
+"""
 
 
 def ran(*line: object, cwd: Path) -> str:
@@ -88,7 +93,7 @@ def test_a_source_distribution_builds_the_same_wheel(checkout: Path, wheel: Path
 
 
 def test_the_tour_runs_where_it_is_installed(wheel: Path, tmp_path: Path) -> None:
-    """In an environment that borrows what the package depends on, and of nothing else the checkout."""
+    """In an environment that borrows what the package depends on, and nothing of the checkout."""
     ran(sys.executable, "-m", "venv", "--without-pip", "installed", cwd=tmp_path)
     python = tmp_path / "installed" / "bin" / "python"
     pip = [sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", "--quiet"]
@@ -100,14 +105,13 @@ def test_the_tour_runs_where_it_is_installed(wheel: Path, tmp_path: Path) -> Non
     def typed(line: str) -> str:
         return ran(python.parent / "paddlectl", *line.split(), cwd=work)
 
-    where = ran(python, "-c", "import paddlectl; print(paddlectl.__file__)", cwd=work)
-    assert Path(where.strip()).is_relative_to(packages)
+    file, scenarios = ran(python, "-c", SHIPPED, cwd=work).split()
+    assert Path(file).is_relative_to(packages) and scenarios == "5"
     assert typed("--version").startswith("paddlectl 0.")
     assert "BlockedBoxUnlockPickup" in typed("tasks")
-    assert "policy-2" in typed("train BlockedDoor GapBall --frames 2048 --jobs 1")
-    assert "Scenario A: BlockedBoxUnlockPickup" in typed("transfer A --seed 0 --frames 2048")
-    assert "run-3: paddle on BlockedBoxUnlockPickup" in typed("explain latest")
-    assert typed("sweep paper/fig6b --dry-run --seeds 0").startswith("fig6b: 10 cells")
+    assert "policy-1" in typed("train BlockedDoor --frames 2048")
+    assert "Scenario A: BlockedBoxUnlockPickup" in typed("transfer A --method hdm --seed 0 --frames 2048")
+    assert "run-2: hdm on BlockedBoxUnlockPickup" in typed("explain latest")
 
 
 def needed() -> dict[str, list[Requirement]]:
