@@ -1,19 +1,34 @@
-# `make demo` and `make test` need Python 3.11 and nothing else: they make .venv on their first run.
+# `make demo` and `make test` need Python 3.11 and nothing else: they make .venv on their first run, of the
+# versions that .ci/requirements.lock names; LOCK=no takes the newest that pyproject.toml allows.
 PYTHON ?= python3.11
 BIN := .venv/bin
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet
+LOCKED := $(INSTALL) --no-deps --require-hashes -r
+LOCK ?= yes
 READY := .venv/.ready
 DEMO := build/demo
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: setup demo test check soak bench bench-maze paper clean
+.PHONY: setup lock demo test check soak bench bench-maze paper clean
 
 setup: $(READY)
 
-$(READY): pyproject.toml
+$(READY): pyproject.toml $(wildcard .ci/*.lock)
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev,maze]'
+ifeq ($(LOCK),no)
+	$(INSTALL) -e '.[dev,maze]'
+else
+	@$(LOCKED) .ci/torch-cpu.lock --retries 1 2>/dev/null || echo "no CPU build of PyTorch is found: PyPI's, with CUDA"
+	@$(LOCKED) .ci/requirements.lock || { echo "to take what fits this machine: make setup LOCK=no" >&2; exit 1; }
+	@$(BIN)/python -m pip check >/dev/null || $(LOCKED) .ci/torch-cuda.lock
+	$(INSTALL) --no-deps --no-build-isolation -e .
+endif
 	touch $@
+
+# Writes the lock files anew where the ranges in pyproject.toml ask for it; UPGRADE=1 takes the newest.
+lock:
+	.ci/lock
 
 # The main job in a registry of its own, by the commands that a user types.
 demo: export PADDLECTL_REGISTRY = $(DEMO)
@@ -45,7 +60,7 @@ bench-maze: BENCH := "maze.py --parts sources paddle guided hdm" "maze.py --part
 bench-maze: BENCH += "maze.py --parts ablations --seeds 10 11 12 --frames 1000000"
 
 bench bench-maze: $(READY)
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet -e '.[dev,maze,bench]'
+	$(INSTALL) -e '.[dev,maze,bench]'
 	@for script in $(BENCH); do echo "== $$script"; $(BIN)/python benchmarks/$$script || exit 1; done
 
 # What is missing of the paper's studies, hours of it, their figures, and docs/results.md.

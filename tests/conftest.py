@@ -18,6 +18,7 @@ LONGEST = (
     "test_openness",
     "test_run_jobs",
     "test_trials",
+    "test_packaging",
 )
 
 

@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
+from paddlectl import shipped
 from paddlectl.cli.named import labels_of, policy_named
 from paddlectl.cli.options import REGISTRY, at_home, place
 from paddlectl.errors import NotFoundError, UsageError
@@ -244,7 +245,8 @@ def transfer(
     """Learns a scenario's target with policies of its sources, as `paddlectl transfer`.
 
     Args:
-        scenario: A file, or a mapping with what one holds: `{"name": "A", "target": …, "sources": […]}`.
+        scenario: A file, the name of one that is shipped (`A`), or a mapping with what one holds:
+            `{"name": "A", "target": …, "sources": […]}`.
         method: Instead of the scenario's.
         seed: Instead of the scenario's first.
         frames: Environment steps, instead of the scenario's.
@@ -265,7 +267,7 @@ def transfer(
     if isinstance(scenario, Mapping):
         asked = scenario_of(scenario)
     else:
-        asked = load_scenario(Path(at_home(os.fspath(scenario))))
+        asked = load_scenario(shipped.scenario(at_home(os.fspath(scenario))))
     by, seed = method or asked.method, asked.seeds[0] if seed is None else seed
     _require_seed(seed)
     _require_frames(frames)

@@ -146,7 +146,11 @@ def test_a_notebooks_shell_names_a_backend_that_isnt_needed(
         ("broken.json", 3, "broken.json: not a file of results: "),
         ("folder.json", 4, "no file folder.json"),
         ("fig4.csv", 2, "fig4.csv is neither a study (.yaml) nor results (.json)|run: paddlectl plot --help"),
-        ("./fig4", 2, "fig4 is neither a study (.yaml) nor results (.json)"),
+        (
+            "./fig4",
+            4,
+            "no file ./fig4, and no study of that name is shipped|did you mean paper/fig4 or paper/fig5",
+        ),
         ("run-7", 4, "no run run-7|did you mean run-"),
         ("run-1", 4, "0 episodes of run-1 have ended, too few for a curve over frames|run: paddlectl runs"),
         ("fig4.json --x frame", 2, "Invalid value for '--x': 'frame' is not one of 'frames', 'episodes'."),

@@ -246,6 +246,18 @@ def test_completion_of_scenario_files(complete: Complete, monkeypatch: pytest.Mo
     assert complete("paddlectl transfer scenarios/A") == ["scenarios/A-place.yaml", "scenarios/A.yaml"]
 
 
+def test_completion_of_what_is_shipped(
+    complete: Complete, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert complete("paddlectl transfer A") == ["A", "A-place"]
+    assert complete("paddlectl transfer minigrid/K") == ["minigrid/KeyCorridor"]
+    assert complete("paddlectl transfer paper/") == ["paper/library", "paper/quantity"]
+    for name in ("sweep", "compare", "plot"):
+        assert complete(f"paddlectl {name} paper/fig6") == ["paper/fig6a", "paper/fig6b"]
+        assert complete(f"paddlectl {name} A") == []
+
+
 def test_completion_of_task_files(
     complete: Complete, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -268,7 +280,8 @@ def test_completion_of_what_can_be_drawn(
     for name in ("study.yaml", "runs.json", "runs.csv", ".hidden.json"):
         (tmp_path / "work" / name).touch()
     where = {"PADDLECTL_REGISTRY": registry.location}
-    assert complete("paddlectl plot ", **where) == ["run-3", "run-2", "run-1", "runs.json", "study.yaml"]
+    offered = complete("paddlectl plot ", **where)
+    assert offered[:3] == ["run-3", "run-2", "run-1"] and offered[-2:] == ["runs.json", "study.yaml"]
     assert complete("paddlectl plot run", **where) == ["run-3", "run-2", "run-1", "runs.json"]
     assert complete("paddlectl plot st", **where) == ["study.yaml"]
     assert complete("paddlectl plot x --x e", **where) == ["episodes"]

@@ -55,6 +55,12 @@ def test_a_study_is_run_once(command: Command, tmp_path: Path, monkeypatch: pyte
     assert all(len(row.by_frames) == 100 for row in kept)
 
 
+def test_a_shipped_study_is_told_by_its_name(command: Command) -> None:
+    answer = command("sweep", "paper/fig6a", "--dry-run", "--seeds", "0")
+    assert answer.code == 0 and answer.out.startswith("fig6a: 4 cells: 4 missing\n")
+    assert answer.out.endswith("run it: paddlectl sweep paper/fig6a --seeds 0\n")
+
+
 def test_each_of_its_runs_has_a_process_of_its_own(command: Command, tmp_path: Path) -> None:
     done = command("sweep", study(tmp_path, "hdm"))
     assert done.code == 0 and done.out.startswith("small: 1 cells: 1 finished\n")

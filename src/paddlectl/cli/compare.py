@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, TypeVar
 
 import typer
 
+from paddlectl import shipped
 from paddlectl.cli.explain import SCENARIO
 from paddlectl.cli.options import (
     AsJson,
@@ -14,12 +15,12 @@ from paddlectl.cli.options import (
     RegistryPlace,
     StudyFrames,
     TaskFiles,
+    at_home,
     chosen_seeds,
     complete_compared,
     complete_figures,
     complete_results,
     complete_tasks,
-    file_at,
     one_method_of,
 )
 from paddlectl.errors import NotFoundError, UsageError
@@ -44,12 +45,13 @@ class Traits(NamedTuple):
 
 
 ComparedFile = Annotated[
-    Path | None,
+    str | None,
     typer.Argument(
-        parser=file_at,
-        metavar="FILE",
+        parser=at_home,
+        metavar="FILE|NAME",
         autocompletion=complete_results,
-        help="A study, or a file of results (.json). Without: the finished transfers of the registry.",
+        help="A study, as sweep takes it, or a file of results (.json). "
+        "Without: the finished transfers of the registry.",
         show_default=False,
     ),
 ]
@@ -118,7 +120,7 @@ def compare(
     from paddlectl.studies.comparison import comparison_document
 
     require_figure(figure)
-    of_study = file is not None and file.suffix in STUDIES
+    of_study = file is not None and shipped.study(file).suffix in STUDIES
     if not of_study and (seeds is not None or frames is not None):
         raise UsageError("--seeds and --frames choose cells of a study (.yaml)", "leave them out")
     wanted = {"scenario": scenario or (), "method": method or (), "task": task or ()}
@@ -127,7 +129,7 @@ def compare(
     elif of_study:
         results, notes = from_study(registry, file, wanted, seeds, frames)
     else:
-        results, notes = from_file(file, wanted), []
+        results, notes = from_file(Path(file), wanted), []
     document = {"figure": figure, **comparison_document(results, of, notes)}
     if as_json:
         print_json(document)
@@ -150,7 +152,7 @@ def require_figure(figure: str) -> None:
 
 
 def from_study(
-    place: str, file: Path, wanted: "Mapping[str, Sequence[str]]", seeds: str | None, frames: int | None
+    place: str, file: str, wanted: "Mapping[str, Sequence[str]]", seeds: str | None, frames: int | None
 ) -> "tuple[list[Result], list[str]]":
     """The finished cells of a study, and how many aren't."""
     from paddlectl.registry.store import Registry
@@ -158,14 +160,14 @@ def from_study(
     from paddlectl.studies.study import load_study
     from paddlectl.studies.sweep import finished, results_of
 
-    loaded = load_study(file)
+    loaded = load_study(shipped.study(file))
     cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
     opened = Registry.open(place, create=False)
     results = results_of(opened, finished(opened, cells))
     left = len(cells) - len(results)
     notes = [f"{left} of the study's {len(cells)} cells aren't finished"] if left else []
-    way = f"paddlectl sweep {shlex.quote(str(file))}"
-    return chosen(results, traits_of_result, wanted, str(file), lambda _: way), notes
+    way = f"paddlectl sweep {shlex.quote(file)}"
+    return chosen(results, traits_of_result, wanted, file, lambda _: way), notes
 
 
 def from_file(file: Path, wanted: "Mapping[str, Sequence[str]]") -> "list[Result]":
@@ -222,8 +224,7 @@ def _way_to_transfer(method: str) -> str:
     from paddlectl.methods.catalogue import known
 
     by = f" --method {method}" if known(method) else ""
-    way = f"{SCENARIO}{by} --train-missing" if Path(SCENARIO).is_file() else "--help"
-    return f"paddlectl transfer {way}"
+    return f"paddlectl transfer {SCENARIO}{by} --train-missing"
 
 
 def _notes(runs: "Sequence[RunRecord]", older: "Sequence[RunRecord]", unfinished: int) -> list[str]:

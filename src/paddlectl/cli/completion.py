@@ -141,6 +141,20 @@ def result_files(incomplete: str) -> list[str]:
 
 
 @_quiet
+def shipped_scenarios() -> list[str]:
+    from paddlectl import shipped
+
+    return list(shipped.scenarios())
+
+
+@_quiet
+def shipped_studies() -> list[str]:
+    from paddlectl import shipped
+
+    return list(shipped.studies())
+
+
+@_quiet
 def scenario_files(incomplete: str) -> list[str]:
     """Scenarios and tasks."""
     return _files(incomplete, ".yaml", ".yml")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from paddlectl.registry.store import Registry
 
 LATEST = "latest"
-SCENARIO = "scenarios/A.yaml"
+SCENARIO = "A"
 EXAMPLE = "Example: paddlectl explain run-42"
 
 
@@ -87,8 +87,8 @@ def transfer_run(registry: "Registry", run: str) -> "RunRecord":
     if run == LATEST:
         if newest := registry.newest_transfer():
             return newest
-        way = f"{SCENARIO} --train-missing" if Path(SCENARIO).is_file() else "--help"
-        raise NotFoundError(f"no transfer in {registry.shown}", f"run: paddlectl transfer {way}")
+        way = f"paddlectl transfer {SCENARIO} --train-missing"
+        raise NotFoundError(f"no transfer in {registry.shown}", f"run: {way}")
     record = registry.run(run)
     if record.kind != "transfer":
         raise NotFoundError(f"{record.id} trained a source; explain is for transfers", next_step(record))

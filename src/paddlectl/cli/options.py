@@ -74,22 +74,31 @@ def complete_figures(incomplete: str) -> list[str]:
 
 
 def complete_results(incomplete: str) -> list[str]:
-    from paddlectl.cli.completion import result_files
+    from paddlectl.cli.completion import result_files, shipped_studies
 
-    return [name for name in result_files(incomplete) if name.startswith(incomplete)]
+    names = [*shipped_studies(), *result_files(incomplete)]
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def complete_scenarios(incomplete: str) -> list[str]:
-    from paddlectl.cli.completion import scenario_files
+    from paddlectl.cli.completion import scenario_files, shipped_scenarios
 
-    return [name for name in scenario_files(incomplete) if name.startswith(incomplete)]
+    names = [*shipped_scenarios(), *scenario_files(incomplete)]
+    return [name for name in names if name.startswith(incomplete)]
+
+
+def complete_studies(incomplete: str) -> list[str]:
+    from paddlectl.cli.completion import scenario_files, shipped_studies
+
+    names = [*shipped_studies(), *scenario_files(incomplete)]
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def complete_plotted(ctx: typer.Context, incomplete: str) -> list[str | tuple[str, str]]:
-    from paddlectl.cli.completion import plotted_names, result_files
+    from paddlectl.cli.completion import plotted_names
 
     runs = [pair for pair in plotted_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
-    return [*runs, *(name for name in result_files(incomplete) if name.startswith(incomplete))]
+    return [*runs, *complete_results(incomplete)]
 
 
 def one_method_of(names: Iterable[str]) -> Callable[[str], list[str]]:

@@ -1,5 +1,6 @@
 """`paddlectl plot`."""
 
+import re
 import shlex
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from paddlectl import shipped
 from paddlectl.cli.options import (
     AsJson,
     ManySeeds,
@@ -28,14 +30,16 @@ EXAMPLE = "Example: paddlectl plot run-42 --to figures"
 CAPTION = "interquartile mean over n seeds, and its 95 % bootstrap interval"
 BARS = 40
 
+_LIKE_RUN = re.compile(r"(run|policy)?[^\w./]*[0-9]*", re.IGNORECASE)
+
 
 def plot(
     what: Annotated[
         str,
         typer.Argument(
-            metavar="FILE.yaml|FILE.json|RUN",
+            metavar="FILE.yaml|NAME|FILE.json|RUN",
             autocompletion=complete_plotted,
-            help="A study, results of one, or a run's id.",
+            help="A study, as sweep takes it, results of one, or a run's id.",
             show_default=False,
         ),
     ],
@@ -62,9 +66,9 @@ def plot(
         raise UsageError(f"{to} is not a folder")
     require_matplotlib()
     told = []
-    if "." in what or "/" in what:
+    if not _LIKE_RUN.fullmatch(what):
         name, caption = Path(what).stem, CAPTION
-        panels = _panels(Path(at_home(what)), registry, x, seeds, frames)
+        panels = _panels(at_home(what), registry, x, seeds, frames)
     else:
         opened = Registry.open(registry, create=False)
         record = opened.run(what)
@@ -80,7 +84,7 @@ def plot(
         print_text([*told, *(clean(path) for path in files.values())])
 
 
-def _panels(path: Path, registry: str, x: str, seeds: str | None, frames: int | None) -> "list[Panel]":
+def _panels(what: str, registry: str, x: str, seeds: str | None, frames: int | None) -> "list[Panel]":
     """Those of a study's finished cells, or of the results in a file.
 
     Raises:
@@ -90,9 +94,10 @@ def _panels(path: Path, registry: str, x: str, seeds: str | None, frames: int | 
     from paddlectl.report.panels import panels_of
     from paddlectl.studies.results import read_results
 
+    path = shipped.study(what)
     match path.suffix.lower():
         case ".yaml" | ".yml":
-            return _panels_of_study(path, registry, x, seeds, frames)
+            return _panels_of_study(what, registry, x, seeds, frames)
         case ".json" if seeds is None and frames is None:
             if results := read_results(_file(path)):
                 return panels_of(results, x)
@@ -103,7 +108,7 @@ def _panels(path: Path, registry: str, x: str, seeds: str | None, frames: int | 
 
 
 def _panels_of_study(
-    path: Path, registry: str, x: str, seeds: str | None, frames: int | None
+    what: str, registry: str, x: str, seeds: str | None, frames: int | None
 ) -> "list[Panel]":
     from paddlectl.registry.store import Registry
     from paddlectl.report.panels import panels_of
@@ -112,14 +117,12 @@ def _panels_of_study(
     from paddlectl.studies.study import load_study
     from paddlectl.studies.sweep import finished, results_of
 
-    loaded = load_study(path)
+    loaded = load_study(shipped.study(what))
     cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
     opened = Registry.open(registry, create=False)
     runs = finished(opened, cells)
     if not runs:
-        raise NotFoundError(
-            f"no results in {path}", f"run: paddlectl sweep {shlex.quote(str(path))} --dry-run"
-        )
+        raise NotFoundError(f"no results in {what}", f"run: paddlectl sweep {shlex.quote(what)} --dry-run")
     if loaded.study.figure == "curves":
         return panels_of(results_of(opened, runs), x)
     of_scenarios: dict[str, list[RunRecord]] = {}

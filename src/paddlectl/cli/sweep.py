@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from paddlectl import shipped
 from paddlectl.cli.options import (
     AsJson,
     CheckpointEvery,
@@ -17,8 +18,9 @@ from paddlectl.cli.options import (
     RegistryPlace,
     StudyFrames,
     TaskFiles,
+    at_home,
     chosen_seeds,
-    complete_scenarios,
+    complete_studies,
     file_at,
 )
 from paddlectl.cli.output_files import require_output
@@ -33,18 +35,19 @@ if TYPE_CHECKING:
     from paddlectl.studies.cells import Cell
     from paddlectl.studies.sweep import Plan
 
-EXAMPLE = "Example: paddlectl sweep scenarios/paper/fig4.yaml --dry-run"
+EXAMPLE = "Example: paddlectl sweep paper/fig4 --dry-run"
 SECONDS = 5e-4  # that a frame takes about, where no run tells
 PATIENCE = 1.0  # seconds between two looks at runs that go on in other processes
 
 
 StudyFile = Annotated[
-    Path,
+    str,
     typer.Argument(
-        parser=file_at,
-        metavar="STUDY.yaml",
-        autocompletion=complete_scenarios,
-        help="Scenarios, methods, variants and seeds to compare.",
+        parser=at_home,
+        metavar="STUDY.yaml|NAME",
+        autocompletion=complete_studies,
+        help="Scenarios, methods, variants and seeds to compare. Their file, or one that is shipped: "
+        f"{', '.join(shipped.studies())}.",
         show_default=False,
     ),
 ]
@@ -89,7 +92,7 @@ def sweep(
         from paddlectl.studies.study import load_study
         from paddlectl.studies.sweep import finished, plan, results_of
 
-        loaded = load_study(file)
+        loaded = load_study(shipped.study(file))
         if results is not None:
             _require_writable(results)
         cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
@@ -215,7 +218,7 @@ def _next(line: str, now: "Plan", dry_run: bool) -> str:
     return here(f"next: paddlectl compare {line}") if now.count("finished") else ""
 
 
-def _line(file: Path, seeds: str | None, frames: int | None) -> str:
+def _line(file: str, seeds: str | None, frames: int | None) -> str:
     """The study as it was asked for."""
     options = {"--seeds": seeds, "--frames": frames}
-    return shlex.join([str(file), *(str(x) for each in options.items() if each[1] is not None for x in each)])
+    return shlex.join([file, *(str(x) for each in options.items() if each[1] is not None for x in each)])

@@ -1,11 +1,11 @@
 """`paddlectl transfer`."""
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from paddlectl import shipped
 from paddlectl.cli.named import UNLABELLED, Labels, labels_of
 from paddlectl.cli.options import (
     FRAMES,
@@ -19,9 +19,9 @@ from paddlectl.cli.options import (
     RunName,
     Tags,
     TaskFiles,
+    at_home,
     chosen_seeds,
     complete_scenarios,
-    file_at,
     one_method_of,
 )
 from paddlectl.errors import NotFoundError, UsageError
@@ -37,16 +37,17 @@ if TYPE_CHECKING:
     from paddlectl.registry.store import Registry
     from paddlectl.scenario import Scenario
 
-EXAMPLE = "Example: paddlectl transfer scenarios/A.yaml --seed 0 --frames 60000 --train-missing"
+EXAMPLE = "Example: paddlectl transfer A --seed 0 --frames 60000 --train-missing"
 
 
 ScenarioFile = Annotated[
-    Path,
+    str,
     typer.Argument(
-        parser=file_at,
-        metavar="FILE.yaml",
+        parser=at_home,
+        metavar="FILE.yaml|NAME",
         autocompletion=complete_scenarios,
-        help="A scenario: target, sources, method, seeds, frames.",
+        help="A scenario: target, sources, method, seeds, frames. Its file, or one that is shipped: "
+        f"{', '.join(shipped.scenarios())}.",
         show_default=False,
     ),
 ]
@@ -95,7 +96,7 @@ def transfer(
     from paddlectl.report.tables import TRANSFERRED, table
     from paddlectl.scenario import load_scenario
 
-    scenario = load_scenario(file)
+    scenario = load_scenario(shipped.scenario(file))
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
     method = scenario.method if method is None else method
     labels = labels_of(name, tag, len(chosen), registry)

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field
 
+from paddlectl import shipped
 from paddlectl.errors import PaddlectlError, UsageError
 from paddlectl.methods import catalogue
 from paddlectl.methods.changes import Changes
@@ -67,7 +68,7 @@ class Study(Closed):
 
     Attributes:
         figure: What is drawn: learning `curves`, or each candidate's `weights` in each scene.
-        scenarios: Their files, from where the study's file is.
+        scenarios: Their files, from where the study's file is, or names of such as are shipped.
         frames: Environment steps of each transfer; None is as many as its scenario says.
         source_frames: Of each source; None is the usual budget.
         variants: By the names that figures have for them; none is the scenarios as they are.
@@ -103,7 +104,8 @@ def load_study(path: Path) -> Loaded:
         InvalidFileError: If it isn't a study; the message starts with file:line:column.
     """
     study = _read(load_file(path, _KIND), path.parent)
-    return Loaded(path, study, tuple(load_scenario(path.parent / name) for name in study.scenarios))
+    files = [shipped.scenario(name, path.parent) for name in study.scenarios]
+    return Loaded(path, study, tuple(map(load_scenario, files)))
 
 
 def _read(study: Study, folder: Path) -> Study:
@@ -139,9 +141,9 @@ def _misuses(study: Study, path: Path) -> Iterator[Problem]:
     scenarios = []
     for index, name in enumerate(study.scenarios):
         try:
-            scenarios.append(load_scenario(path.parent / name))
+            scenarios.append(load_scenario(shipped.scenario(name, path.parent)))
         except PaddlectlError as error:
-            yield Problem(("scenarios", index), error.message)
+            yield Problem(("scenarios", index), "; ".join(filter(None, (error.message, error.hint))))
             continue
         if named := [source for source in scenarios[-1].source_names if is_id(str(source))]:
             yield Problem(
