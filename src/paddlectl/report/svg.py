@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 Numbers = NDArray[np.float64]
 
 LEFT, RIGHT, TOP, BOTTOM = 44, 12, 10, 30  # pixels around a chart
-TICKS = 4
+TICKS = 5
+"""Steps between the numbers below a chart, about."""
 COLOURS = 8
 
 
@@ -71,18 +72,25 @@ class _Frame:
     def svg(self, drawn: Sequence[str], told: str) -> str:
         left, right, floor = LEFT, self._width - RIGHT, self._height - BOTTOM
         parts = [f'<svg viewBox="0 0 {self._width} {self._height}" role="img" aria-label="{_escaped(told)}">']
-        for tick in np.linspace(0, self._most_y, 3):
+        for tick in _ticks(self._most_y, TICKS - 1):
             y = floor - tick / self._most_y * (floor - TOP)
             parts.append(f'<line class="grid" x1="{left}" x2="{right}" y1="{y:.1f}" y2="{y:.1f}"/>')
             parts.append(f'<text x="{left - 6}" y="{y + 4:.1f}" text-anchor="end">{tick:.3g}</text>')
-        for number, tick in enumerate(np.linspace(0, self._most_x, TICKS)):
+        for tick in _ticks(self._most_x, TICKS):
             x = left + tick / self._most_x * (right - left)
-            anchor = "start" if number == 0 else "end" if number == TICKS - 1 else "middle"
+            anchor = "start" if not tick else "end" if tick > 0.9 * self._most_x else "middle"
             parts.append(f'<text x="{x:.1f}" y="{floor + 15}" text-anchor="{anchor}">{tick:,.0f}</text>')
         parts.append(
             f'<text x="{(left + right) / 2:.0f}" y="{floor + 28}" text-anchor="middle">frames</text>'
         )
         return "".join([*parts, *drawn, "</svg>"])
+
+
+def _ticks(most: float, parts: int) -> list[float]:
+    """Round numbers from 0 up to `most`, about so many steps of 1, 2 or 5 and zeros."""
+    size = float(10.0 ** np.floor(np.log10(most / parts)))
+    step = next(size * times for times in (1, 2, 5, 10) if size * times >= most / parts)
+    return [step * number for number in range(int(most / step + 1e-9) + 1)]
 
 
 def _escaped(text: str) -> str:
