@@ -88,7 +88,7 @@ def test_from_training_to_a_transfer(file: Path, command: Command) -> None:
     folder = file.parent
     (folder / "lake.yaml").write_text(SCENARIO)
     learning = shell(folder, *f"train Lake --tasks lake.py --frames 1e6 --checkpoint-every 0 {FEW}".split())
-    patience = time.monotonic() + 60
+    patience = time.monotonic() + 120
     while not list(folder.glob("registry/runs/run-1/checkpoints/*.json")):
         assert time.monotonic() < patience and learning.poll() is None
         time.sleep(0.05)

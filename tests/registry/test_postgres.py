@@ -48,7 +48,7 @@ def test_the_schema_is_the_released_one(address: str) -> None:
     assert [name for name, *_ in found["runs"]] == schema.runs.columns.keys()
     assert dict((n, t) for n, t, _ in found["runs"])["seed"] == "BIGINT"
     nullable = {n for n, _, null in found["runs"] if null}
-    assert nullable == {"scenario", "finished"}
+    assert nullable == {"scenario", "finished", "name"}
     keys = inspect(engine(address)).get_foreign_keys("policies")
     assert [(k["name"], k["referred_table"]) for k in keys] == [("fk_policies_run", "runs")]
 

@@ -55,7 +55,7 @@ def size(items: Any) -> str:
 
 
 def listing(values: Any) -> str:
-    return ", ".join(values) or "–"
+    return ", ".join(values or ()) or "–"
 
 
 def yes(value: Any) -> str:
