@@ -20,7 +20,10 @@ EXAMPLE = (
     "Example: paddlectl similarity --target BlockedBoxUnlockPickup --source BlockedDoor --source GapBall"
 )
 
+_OVERALL = "Over all scenes of the target"
+
 BODY_WEIGHT = 0.8
+MOST = 50  # policies of --top
 
 
 def similarity(
@@ -39,6 +42,16 @@ def similarity(
             show_default=False,
         ),
     ] = None,
+    top: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=MOST,
+            metavar="K",
+            help="Of all policies the most similar, one a task, K tasks at most.",
+            show_default=False,
+        ),
+    ] = None,
     body_weight: Annotated[
         float | None, typer.Option(metavar="SHARE", help="Share of the body in ψ (0.8).", show_default=False)
     ] = None,
@@ -51,23 +64,33 @@ def similarity(
 ) -> None:
     """Show Ψ: for each scene of the target the best scenes of each source, and their ψ."""
     from paddlectl.cli.named import task_named
-    from paddlectl.experiments.similar import most_similar
+    from paddlectl.experiments.similar import most_similar, nearest_of_all
     from paddlectl.registry.store import Registry
-    from paddlectl.report.mapping import mapping_parts
+    from paddlectl.report.mapping import heat_map_parts, mapping_parts
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import SIMILAR, table
     from paddlectl.tasks.suite import load
 
     body, head = weights(body_weight, head_weight)
+    if top is not None and source:
+        raise UsageError("--top and --source exclude each other")
     task = load(task_named(target))
     opened = Registry.open(registry, create=False)
-    policies = sources_for(opened, task, source or ())
-    overall = [each._asdict() for each in most_similar(opened, task, policies, body, head)]
+    if top is None:
+        policies = sources_for(opened, task, source or ())
+        similar = most_similar(opened, task, policies, body, head)
+    else:
+        similar = nearest_of_all(opened, task, top, body, head)
+        policies = [opened.policy(each.policy) for each in similar]
+        _require_any(policies, opened, task)
+    overall = [each._asdict() for each in similar]
     document = similarity_document(task, policies, body, head)
     if as_json:
         print_json({**document, "overall": overall})
+    elif top is None:
+        print_text([*mapping_parts(document), table(SIMILAR, overall, _OVERALL)])
     else:
-        print_text([*mapping_parts(document), table(SIMILAR, overall, "Over all scenes of the target")])
+        print_text([table(SIMILAR, overall, _OVERALL), *heat_map_parts(document)])
 
 
 def weights(body: float | None, head: float | None) -> tuple[float, float]:
@@ -101,11 +124,7 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
     teaches = teacher_of("paddle", target)
     found = [_named(registry, name, teaches) for name in names]
     found = found or _best_of_domain(registry, target, teaches)
-    if not found:
-        raise NotFoundError(
-            f"no policy of another {target.domain} task in {registry.shown}",
-            _way_to_another(target),
-        )
+    _require_any(found, registry, target)
     for policy in found:
         if policy.domain != target.domain:
             raise UsageError(
@@ -118,6 +137,14 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
                 _way_to_clauses(registry, policy, teaches),
             )
     return list({policy.id: policy for policy in found}.values())
+
+
+def _require_any(found: "Sequence[PolicyRecord]", registry: "Registry", target: "Task") -> None:
+    if not found:
+        raise NotFoundError(
+            f"no policy of another {target.domain} task in {registry.shown}",
+            _way_to_another(target),
+        )
 
 
 def _named(registry: "Registry", name: str, teaches: str | None) -> "PolicyRecord":

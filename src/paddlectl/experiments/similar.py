@@ -4,7 +4,7 @@ A policy without clauses has no ψ. That of its task's best policy with clauses 
 none can't be compared. Only so all are measured alike, and as `similarity` shows it.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -13,9 +13,10 @@ from paddlectl.logic.clauses import Program, Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.logic.templates import all_clauses
 from paddlectl.methods.catalogue import teacher_of
-from paddlectl.registry.records import Content, PolicyRecord
+from paddlectl.registry.records import Content, PolicyRecord, StoredProgram
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Task
+from paddlectl.transfer.library import library_of, mean_similarities
 from paddlectl.transfer.similarity import SceneMapping, map_scenes
 
 
@@ -54,12 +55,17 @@ def stored_program(policy: PolicyRecord) -> Program:
         ) from error
 
 
+def scenes_of_task(target: Task) -> tuple[Scene, ...]:
+    """Those of its complete clause set."""
+    vocabulary = target.vocabulary
+    return scenes_of(all_clauses(vocabulary.atoms, vocabulary.exclusions, target.subgoals))
+
+
 def mapping_of(
     target: Task, policies: Iterable[PolicyRecord], body_weight: float, head_weight: float
 ) -> tuple[Sequence[Scene], SceneMapping]:
     """The scenes of the target's complete clause set, and their Ψ (Algorithm 1) in policies' programs."""
-    vocabulary = target.vocabulary
-    scenes = scenes_of(all_clauses(vocabulary.atoms, vocabulary.exclusions, target.subgoals))
+    scenes = scenes_of_task(target)
     programs = {policy.id: scenes_of(stored_program(policy).clauses) for policy in policies}
     return scenes, map_scenes(scenes, programs, body_weight, head_weight)
 
@@ -92,6 +98,51 @@ def most_similar(
         for policy, program in compared.items()
     ]
     return sorted(found, key=lambda each: -each.similarity)
+
+
+def nearest_of_all(
+    registry: Registry, target: Task, count: int, body_weight: float, head_weight: float
+) -> list[Similar]:
+    """Of all policies that `paddle` can reuse on the target the most similar, one a task, the nearest first.
+
+    The target itself is left out. Of equals the best comes first, by what `Registry.policy` goes by.
+
+    Args:
+        registry: Where they are.
+        target: The task to learn.
+        count: How many tasks at most.
+        body_weight: γ_body.
+        head_weight: γ_head.
+
+    Raises:
+        IntegrityError: If what is stored of one is no program.
+    """
+    own = Content(target.name, target.definition)
+    read: list[StoredProgram] = []
+
+    def others() -> Iterator[str]:
+        for each in registry.programs(target.domain, teacher_of("paddle", target) or ""):
+            if each.task.name != own.name or each.task.identity != own.identity:
+                read.append(each._replace(program=""))  # the text is most of it
+                yield each.program
+
+    try:
+        library = library_of(others())
+    except InvalidFileError:
+        stored_program(registry.policy(read[-1].policy))
+        raise
+    means = mean_similarities(scenes_of_task(target), library, body_weight, head_weight)
+
+    def merit(n: int) -> tuple[float, float, float, int]:
+        return means[n], read[n].success_rate, read[n].mean_score, n
+
+    found: dict[str, Similar] = {}
+    for n in sorted(range(len(read)), key=merit, reverse=True):
+        policy, task = read[n].policy, read[n].task
+        found.setdefault(task.identity, Similar(policy, task.name, float(means[n]), policy))
+        if len(found) == count:
+            break
+    return list(found.values())
 
 
 def with_clauses(registry: Registry, target: Task, task: Content) -> PolicyRecord:

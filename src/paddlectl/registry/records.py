@@ -123,6 +123,16 @@ def content_of(task: str, kept: Mapping[str, Any]) -> Content:
     return Content(task, definition if isinstance(definition, Mapping) else None)
 
 
+class StoredProgram(NamedTuple):
+    """The clause program of a policy, with what tells whether the policy is a good one of its task."""
+
+    policy: str
+    task: Content
+    program: str
+    success_rate: float
+    mean_score: float
+
+
 class Label(NamedTuple):
     """What is needed to tell a run or policy from others in a list."""
 

@@ -2,7 +2,7 @@
 
 import json
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -25,9 +25,18 @@ from paddlectl.registry.index.queries import (
     find_policy,
     find_run,
     next_step,
+    programs,
 )
 from paddlectl.registry.names import ELSEWHERE, number_of
-from paddlectl.registry.records import RUN_STATES, Content, Label, PolicyRecord, RunRecord, content_of
+from paddlectl.registry.records import (
+    RUN_STATES,
+    Content,
+    Label,
+    PolicyRecord,
+    RunRecord,
+    StoredProgram,
+    content_of,
+)
 from paddlectl.registry.schema import policies, policy_records, run_records, runs, select_runs
 
 Which = Literal["policies", "programs", "runs", "transfers", "ended", "stopped"]
@@ -349,6 +358,11 @@ class Registry:
         with self.index.reading() as connection:
             found = best_of_each(connection, domain, method).values()
         return [(content, f"policy-{number}") for content, number in found]
+
+    def programs(self, domain: str, method: str) -> Iterator[StoredProgram]:
+        """The programs of a domain's policies by one method, oldest first, read as they are asked for."""
+        with self.index.reading() as connection:
+            yield from programs(connection, domain, method)
 
     def policies(self) -> list[PolicyRecord]:
         """All policies, newest first."""

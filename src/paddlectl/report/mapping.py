@@ -8,6 +8,7 @@ from rich.console import RenderableType
 from paddlectl.registry.names import ELSEWHERE
 from paddlectl.report.grid import Grid, Head, Row
 from paddlectl.report.output import clean
+from paddlectl.report.sparkline import BLOCKS
 
 SHOWN_SCENES = 2  # of one source that tie for one target scene
 
@@ -79,6 +80,28 @@ def mapping_parts(document: Mapping[str, Any]) -> list[RenderableType]:
         legend(_bodies(document["scenes"])),
         mapping_table(document["scenes"], labels),
     ]
+
+
+def heat_map_parts(document: Mapping[str, Any]) -> list[RenderableType]:
+    """ψ of each scene with each source, a column each."""
+    heads = [Head("target scene", breaks=True)]
+    heads += [Head(clean(policy), right=True) for policy in document["sources"]]
+    rows = []
+    for scene in document["scenes"]:
+        found = [match["similarity"] for match in scene["matches"]]
+        best = scene["self_similarity"]
+        rows.append(Row((scene_text(scene["body"]), *(_warm(each, each == best) for each in found))))
+    return [
+        f"ψ of each scene of {clean(document['target'])} with the best scene of each; * is the largest",
+        legend(_bodies(document["scenes"])),
+        Grid(heads, rows),
+    ]
+
+
+def _warm(similarity: float, best: bool) -> str:
+    """`▅ 0.56*`."""
+    level = BLOCKS[round(min(1.0, similarity) * (len(BLOCKS) - 1))]
+    return f"{level} {similarity:.2f}{'*' if best else ' '}"
 
 
 def _bodies(scenes: Iterable[Mapping[str, Any]]) -> Iterable[Sequence[str]]:

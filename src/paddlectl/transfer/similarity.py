@@ -80,6 +80,19 @@ def similarity(
     return scale.units(target, source) / scale.whole
 
 
+def similarity_table(target: Scene, body_weight: float, head_weight: float) -> list[list[float]]:
+    """ψ of the target with any scene, by how many literals (rows) and heads (columns) the two share.
+
+    Raises:
+        ValueError: If a weight is negative or not finite.
+    """
+    scale = _scale(target, body_weight, head_weight)
+    return [
+        [(scale.body * literals + scale.head * heads) / scale.whole for heads in range(len(target.heads) + 1)]
+        for literals in range(len(target.body) + 1)
+    ]
+
+
 def map_scenes(
     target: Sequence[Scene],
     sources: Mapping[str, Sequence[Scene]],

@@ -9,9 +9,10 @@ from sqlalchemy import ColumnElement, Connection, Select, Table, case, func, or_
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry.files.documents import from_json
 from paddlectl.registry.names import is_id, nearest, number_of, shown
-from paddlectl.registry.records import DEFINITION, Content, PolicyRecord, RunRecord, content_of
+from paddlectl.registry.records import DEFINITION, Content, PolicyRecord, RunRecord, StoredProgram, content_of
 from paddlectl.registry.schema import ROW_TABLES, policies, policy_record, run_records, runs, select_runs
 
+_READ = 1_000  # rows at a time, where all are read
 _LISTED = 200
 """Newest ids among which that is looked for which may have been meant."""
 
@@ -105,6 +106,19 @@ def best_of_each(
         content = _content(task, kept, number)
         found.setdefault(content.identity, (content, number))
     return dict(sorted(found.items()))
+
+
+def programs(connection: Connection, domain: str, method: str) -> Iterator[StoredProgram]:
+    """Those of a domain's policies by one method, oldest first; read as they are asked for."""
+    c = policies.c
+    rows = (
+        select(c.id, c.task, _KEPT, c.program, c.success_rate, c.mean_score)
+        .where(c.domain == domain, c.method == method, c.program.is_not(None))
+        .order_by(c.id)
+        .execution_options(yield_per=_READ)
+    )
+    for number, task, kept, *rest in connection.execute(rows):
+        yield StoredProgram(f"policy-{number}", _content(task, kept, number), *rest)
 
 
 def _best_first(method: str | None) -> Select[Any]:
