@@ -38,7 +38,7 @@ HOMES = {
     "yaml": {"yaml_files"},
     "rich": {"report"}, "matplotlib": {"report"}, "jinja2": {"report"},
     "PIL": {"report", "tasks"},
-    "pyarrow": {"report"}, "tensorboard": {"report"}, "typer": {"cli"},
+    "ray": {"experiments"}, "pyarrow": {"report"}, "tensorboard": {"report"}, "typer": {"cli"},
 }  # fmt: skip
 EVERYWHERE = {"numpy"}
 BANNED = {"pickle", "dill", "joblib", "tarfile", "shelve", "marshal"}

@@ -76,19 +76,23 @@ def run_each(
     *,
     hear: "Callable[[int, Event], None]" = lambda *_: None,
     fail_fast: bool = False,
+    on: str | None = None,
 ) -> Ended:
     """Does the jobs, however few; `hear` is told what is new of each. One that fails may stop all others.
+
+    `on` is the address of a Ray cluster; without it they are done by processes of this machine.
 
     Raises:
         KeyboardInterrupt: If they were stopped.
     """
+    from paddlectl.experiments import cluster
     from paddlectl.experiments.cores import permitted
     from paddlectl.experiments.jobs import Failure
     from paddlectl.experiments.processes import run_jobs
     from paddlectl.report.progress import progress
 
     workers = jobs or permitted()
-    print(plan_of(asked, workers, registry), file=sys.stderr)
+    print(plan_of(asked, None if on else workers, registry), file=sys.stderr)
     with progress([each.name for each in asked]) as view:
 
         def tell(index: int, event: "Event") -> None:
@@ -98,7 +102,11 @@ def run_each(
                 raise _FailedFirst(index, event)
 
         try:
-            outcomes = run_jobs([each.job for each in asked], registry, tell, workers, checkpoint_every)
+            work = [each.job for each in asked]
+            if on:
+                outcomes = cluster.run_jobs(work, registry, tell, on)
+            else:
+                outcomes = run_jobs(work, registry, tell, workers, checkpoint_every)
         except _FailedFirst as first:
             return Ended([], {asked[first.index].name: first.failure})
     names = [each.name for each in asked]
@@ -151,18 +159,20 @@ def _show(view: "View", index: int, event: "Event") -> None:
             view.tick(index, event)
 
 
-def plan_of(asked: Sequence[Asked], workers: int, registry: str, usually: float | None = None) -> str:
+def plan_of(asked: Sequence[Asked], workers: int | None, registry: str, usually: float | None = None) -> str:
     """What is going to be done: `6 runs × 60,000 frames, 2 at a time, about 5 minutes`.
 
     Args:
         asked: The jobs.
-        workers: How many of them go on at a time.
+        workers: How many of them go on at a time; None if that isn't known.
         registry: Where earlier ones are, that tell how long it takes.
         usually: Seconds that a frame takes where there were none; None tells nothing then.
     """
     runs = f"{len(asked)} run{'s' * (len(asked) != 1)}"
     sizes = {each.frames for each in asked}
     frames = f" × {sizes.pop():,}" if len(sizes) == 1 else f", {sum(each.frames for each in asked):,}"
+    if workers is None:
+        return f"{runs}{frames} frames on the cluster"
     at_a_time = f", {min(workers, len(asked))} at a time" if len(asked) > 1 else ""
     return f"{runs}{frames} frames{at_a_time}{_duration(asked, workers, registry, usually)}"
 

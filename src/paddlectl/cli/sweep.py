@@ -1,5 +1,6 @@
 """`paddlectl sweep`."""
 
+import re
 import shlex
 import sys
 import time
@@ -26,6 +27,7 @@ from paddlectl.cli.options import (
 from paddlectl.cli.output_files import require_output
 from paddlectl.cli.texts import here
 from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
+from paddlectl.registry.names import shown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -63,6 +65,17 @@ ResultsFile = Annotated[
 ]
 
 
+OnCluster = Annotated[
+    str | None,
+    typer.Option(
+        "--on",
+        metavar="ray|ADDRESS",
+        help="Run on a Ray cluster: ray is this machine's, or give ray://HOST:PORT.",
+        show_default=False,
+    ),
+]
+
+
 def sweep(
     file: StudyFile,
     seeds: ManySeeds = None,
@@ -74,6 +87,7 @@ def sweep(
         bool, typer.Option("--fail-fast", help="Stop all when one fails; without, the others go on.")
     ] = False,
     results: ResultsFile = None,
+    on: OnCluster = None,
     jobs: Jobs = None,
     checkpoint_every: CheckpointEvery = None,
     task_files: TaskFiles = None,
@@ -92,6 +106,7 @@ def sweep(
         from paddlectl.studies.study import load_study
         from paddlectl.studies.sweep import finished, plan, results_of
 
+        _require_cluster(on, jobs, checkpoint_every)
         loaded = load_study(shipped.study(file))
         if results is not None:
             _require_writable(results)
@@ -100,7 +115,7 @@ def sweep(
         failed: Mapping[str, Failure] = {}
         opened = _opened(registry) if dry_run else Registry.open(registry)
         if opened and not dry_run:
-            failed = _run_missing(opened, cells, line, fail_fast, jobs, checkpoint_every)
+            failed = _run_missing(opened, cells, line, fail_fast, jobs, checkpoint_every, on)
         now = plan(opened, cells)
         if results is not None:
             write_results(results, results_of(opened, finished(opened, cells)) if opened else ())
@@ -138,6 +153,16 @@ def _require_writable(results: Path) -> None:
     require_output(results, ".json")
 
 
+def _require_cluster(on: str | None, jobs: int | None, checkpoint_every: float | None) -> None:
+    if on is None:
+        return
+    if on != "ray" and not re.fullmatch(r"(ray://)?[^\s/:]+:[0-9]+", on):
+        raise UsageError(f"{shown(on)} is no Ray cluster", "give ray, ray://HOST:PORT or HOST:PORT")
+    for name, value in {"--jobs": jobs, "--checkpoint-every": checkpoint_every}.items():
+        if value is not None:
+            raise UsageError(f"{name} and --on exclude each other", "Ray chooses how many runs go on")
+
+
 def _opened(registry: str) -> "Registry | None":
     """The registry, if there is one; none is made to look at it."""
     from paddlectl.registry.store import Registry
@@ -154,6 +179,7 @@ def _run_missing(
     fail_fast: bool,
     jobs: int | None,
     checkpoint_every: float | None,
+    on: str | None,
 ) -> "Mapping[str, Failure]":
     """Runs sources and cells until all have ended; how those failed that did, by their names."""
     from paddlectl.cli.running import Asked, run_each
@@ -167,10 +193,14 @@ def _run_missing(
         with registry.files.sweeping():
             while True:
                 now = plan(registry, cells)
+                if on:  # what was stopped here can't go on there
+                    tried |= {run.id for run in now.stopped}
                 if steps := now.steps(tried):
                     tried |= {step.key for step in steps}
                     asked = [Asked(*step) for step in steps]
-                    ended = run_each(asked, registry.location, checkpoint_every, jobs, fail_fast=fail_fast)
+                    ended = run_each(
+                        asked, registry.location, checkpoint_every, jobs, fail_fast=fail_fast, on=on
+                    )
                     for step in steps:
                         failed.pop(step.name, None)
                     failed |= ended.failed

@@ -66,6 +66,12 @@ class Plan(NamedTuple):
         found = [*self.sources.values(), *(found for _, found in self.cells)]
         return [each.run for each in found if each.run and each.state == "running"]
 
+    @property
+    def stopped(self) -> list[RunRecord]:
+        """Runs of the study that could go on."""
+        found = [*self.sources.values(), *(found for _, found in self.cells)]
+        return [each.run for each in found if each.run and each.state == "stopped"]
+
     def lacking(self, tried: Iterable[str], failed: Iterable[str]) -> dict[str, str]:
         """Cells that can't be had -> why: a source of theirs failed, or what was run isn't they."""
         of_sources = {

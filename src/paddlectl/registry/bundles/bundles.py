@@ -21,7 +21,7 @@ from paddlectl.registry.bundles.card import card
 from paddlectl.registry.files import documents, layout, manifests
 from paddlectl.registry.files.objects import write_atomically
 from paddlectl.registry.files.runfiles import bytes_of, while_it_stays
-from paddlectl.registry.names import ELSEWHERE, is_id
+from paddlectl.registry.names import ELSEWHERE, is_id, number_of
 from paddlectl.registry.records import PolicyRecord, RunRecord
 from paddlectl.registry.store import Registry
 
@@ -54,6 +54,17 @@ def export(
     """
     if path.exists() or path.is_symlink():
         raise UsageError(f"{path} is there already", "give a new file")
+    data = packed(registry, name, replay)
+    write_atomically(path, data, shared=False)
+    return {"exported": name, "file": str(path), "bytes": len(data)}
+
+
+def packed(registry: Registry, name: str, replay: Callable[[PolicyRecord], bytes] = lambda _: b"") -> bytes:
+    """The bytes of such a file.
+
+    Raises:
+        PaddlectlError: As `export` does.
+    """
     run, policy, tables = _whole(registry, name)
     checkpoint = registry.read_checkpoint(policy) if policy else b""
     members = _members(run, policy, checkpoint, replay(policy) if policy else b"", tables)
@@ -61,8 +72,7 @@ def export(
     data = archive.pack(members)
     if len(data) > archive.LARGEST:
         raise PaddlectlError(f"{name} is too large for a bundle: {len(data):,} bytes")
-    write_atomically(path, data, shared=False)
-    return {"exported": name, "file": str(path), "bytes": len(data)}
+    return data
 
 
 def _whole(registry: Registry, name: str) -> tuple[RunRecord, PolicyRecord | None, dict[str, bytes]]:
@@ -158,18 +168,50 @@ def import_(opened: Callable[[], Registry], path: Path) -> dict[str, Any]:
         NotFoundError: If there is no such file.
         IntegrityError: If it is anything else than what `export` wrote.
     """
-    where = str(path)
-    members = archive.unpack(archive.load(path), where)
-    config, results, tables = _sound(members, f"{where} is no sound bundle", "have it exported again")
-    run = config["run"]
+    run, tables, policy, checkpoint = _content(archive.load(path), str(path))
     run["sources"] = [f"{ELSEWHERE}{source}" for source in run["sources"]]
-    run["results"] = results["run"]
+    with opened() as registry:
+        return adopt(registry.index, run, tables, policy, checkpoint)
+
+
+def take_back(registry: Registry, data: bytes) -> dict[str, Any]:
+    """Takes in a run that was learned elsewhere for this registry: its sources are policies of it.
+
+    Returns:
+        As `import_` does.
+
+    Raises:
+        NotFoundError: If a source isn't there.
+        IntegrityError: If the bytes are anything else than what `packed` gave.
+    """
+    run, tables, policy, checkpoint = _content(data, "what was learned elsewhere")
+    for source in run["sources"]:
+        registry.policy(source)
+    return adopt(registry.index, run, tables, policy, checkpoint)
+
+
+def lend(registry: Registry, data: bytes, policy: str) -> None:
+    """Takes in a policy under the id that it has elsewhere, in a registry where that is free.
+
+    Raises:
+        IntegrityError: If the bytes are anything else than what `packed` gave.
+    """
+    run, tables, learned, checkpoint = _content(data, policy)
+    run["sources"] = [f"{ELSEWHERE}{source}" for source in run["sources"]]
+    assert learned is not None
+    adopt(registry.index, run, tables, learned | {"id": number_of(policy, "policy")}, checkpoint)
+
+
+def _content(data: bytes, where: str) -> tuple[Any, dict[str, bytes], Any, bytes]:
+    """The values of a run, its tables, the values of its policy and that one's checkpoint."""
+    members = archive.unpack(data, where)
+    config, results, tables = _sound(members, f"{where} is no sound bundle", "have it exported again")
+    run = config["run"] | {"results": results["run"]}
     policy = config["policy"]
     if policy is not None:
         program = members["program.txt"].decode() if "program.txt" in members else None
         policy |= results["policy"] | {"program": program}
-    with opened() as registry:
-        return adopt(registry.index, run, tables, policy, members.get("model.safetensors", b""))
+    return run, tables, policy, members.get("model.safetensors", b"")
 
 
 def _sound(members: dict[str, bytes], otherwise: str, hint: str) -> tuple[Any, Any, dict[str, bytes]]:
