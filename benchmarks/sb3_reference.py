@@ -57,8 +57,8 @@ Result = dict[str, Any]
 class Lanes(VecEnv):
     """The lanes of our engine as SB3 wants them: the flat task, its extrinsic reward, resets by itself."""
 
-    def __init__(self, num_envs: int, seed: int) -> None:
-        self._engine: Any = suite.load(TASK).make(num_envs, seed)
+    def __init__(self, num_envs: int, seed: int, task: str = TASK) -> None:
+        self._engine: Any = suite.load(task).make(num_envs, seed)
         self._order = np.arange(num_envs)
         self.frames = 0
         self.episodes: list[Ended] = []
@@ -89,7 +89,7 @@ class Lanes(VecEnv):
                     "terminal_observation": observation[lane],
                     "TimeLimit.truncated": bool(step.truncated[lane]),
                 }
-            self._record(ended, step.terminated)
+            self._record(ended, step.score > 0)
             self._engine.reset(done)
             observation = self._engine.flat_state()
         return observation, step.reward, done, infos
@@ -186,8 +186,8 @@ def flat_image(environment: gymnasium.Env) -> gymnasium.Env:
     return gymnasium.wrappers.FlattenObservation(ImgObsWrapper(environment))
 
 
-def on_engine(seed: int) -> PPO:
-    return ppo(Lanes(LANES, seed), STEPS, SETTINGS.low_level.minibatch, seed)
+def on_engine(seed: int, task: str = TASK) -> PPO:
+    return ppo(Lanes(LANES, seed, task), STEPS, SETTINGS.low_level.minibatch, seed)
 
 
 def rate(model: PPO, rounds: int) -> int:
