@@ -7,12 +7,14 @@ import pty
 import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from paddlectl.cli.watch import thinned
 from paddlectl.experiments.runner import random_source
 from paddlectl.experiments.watching import watched
 from paddlectl.methods.base import method_of
@@ -25,7 +27,7 @@ from paddlectl.tasks.suite import load
 from released import BUNDLES
 from samples import ROOT, Answer, Command, add_source
 
-RED, BLUE = (255, 0, 0), (0, 0, 255)
+RED, BLUE, YELLOW = (255, 0, 0), (0, 0, 255), (255, 255, 0)
 
 
 @pytest.fixture(scope="module")
@@ -155,6 +157,8 @@ def test_what_cant_be_watched_is_told(place: Path, command: Command, tmp_path: P
     assert told("BoxDoor", "--task", "MailMaze", *gif_at)[0] == 5
     assert told("BoxDoor", "--gif", str(tmp_path / "no" / "x.gif"))[0] == 2
     assert told("BoxDoor", "--gif", str(tmp_path))[0] == 2
+    code, message = told("BoxDoor", "--gif", str(tmp_path / ("a" * 300 + ".gif")))
+    assert code == 2 and "can't be written: File name too long\nname a file elsewhere" in message
     assert "doesn't end in .gif" in told("BoxDoor", "--gif", str(tmp_path / "mine.py"))[1]
     assert list(tmp_path.iterdir()) == []
 
@@ -179,6 +183,26 @@ def test_where_there_are_no_half_blocks_it_is_one() -> None:
     text = blocks(halves(), 4, "ascii")
     assert text.plain == "    \n    \n"
     assert [str(span.style) for span in text.spans][::4] == ["#ff0000 on #ff0000", "#0000ff on #0000ff"]
+
+
+def test_a_colour_that_comes_late_and_is_rare_is_shown(tmp_path: Path) -> None:
+    dice = np.random.default_rng(0)
+    pictures = [dice.integers(60, 190, (40, 40, 1), np.uint8).repeat(3, -1) for _ in range(9)]
+    pictures[7][20:22, 20:22] = YELLOW
+    file = tmp_path / "x.gif"
+    file.write_bytes(gif(pictures, [""] * 9, 5))
+    with Image.open(file) as picture:
+        picture.seek(7)
+        assert picture.convert("RGB").getpixel((20, 20)) == pytest.approx(YELLOW, abs=3)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 399, 400, 401, 1000, 10_007])
+def test_however_long_an_episode_is_few_moments_are_kept_and_the_last(count: int) -> None:
+    most = 400 if count > 5 else 4
+    kept = thinned(iter([*range(count)]), most)  # type: ignore[arg-type]
+    assert len(kept) <= most + 1 and kept[0] == 0 and kept[-1] == count - 1
+    assert len({after - before for before, after in pairwise(kept[:-1])}) <= 1
+    assert len(kept) > min(count, most) / 2
 
 
 def test_the_captions_stand_below(tmp_path: Path) -> None:

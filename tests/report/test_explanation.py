@@ -129,6 +129,7 @@ def test_damaged_recordings_are_refused(registry, damage):
     reseal(registry, "run-3")
     with pytest.raises(IntegrityError, match=r"recordings\.json"):
         explanation_document(registry, registry.run("run-3"))
+    assert explanation_document(registry, registry.run("run-3"), recorded=False)["trace"]
 
 
 def test_what_the_horizon_cut_off_is_neither_reached_nor_missed(registry, capsys):

@@ -18,8 +18,8 @@ from PIL import Image
 from paddlectl.registry.store import Registry
 from paddlectl.report import film
 from paddlectl.report.explanation import explanation_document
-from paddlectl.report.page import explanation_page
-from paddlectl.report.svg import Line, lines, stacked
+from paddlectl.report.page import _colours, _legend, explanation_page
+from paddlectl.report.svg import COLOURS, Line, lines, stacked
 from samples import (
     BLOCKED_DOOR,
     GAP_BALL,
@@ -74,7 +74,7 @@ def record(opened: Registry, told: dict[str, Any], run: str = "run-3") -> None:
 
 def page(registry: Registry, run: str = "run-3") -> str:
     record = registry.run(run)
-    return explanation_page(registry, record, explanation_document(registry, record))
+    return explanation_page(registry, record, explanation_document(registry, record, recorded=False))
 
 
 class Balanced(HTMLParser):
@@ -238,6 +238,8 @@ def test_of_a_method_that_follows_it_tells_whom_mostly(registry: Registry) -> No
         ({"score": 0.5}, "an episode of BlockedBoxUnlockPickup comes out otherwise than it was recorded."),
         ({"start": {}}, "comes out otherwise"),
         ({"actions": [9] * 320}, "comes out otherwise"),
+        ({"start": {**recording()["start"], "agent": 10**400}}, "comes out otherwise"),
+        ({"length": -1}, "Without pictures: recordings.json of run-3"),
     ],
 )
 def test_one_that_cant_be_played_again_is_told_and_the_rest_stands(
@@ -247,6 +249,22 @@ def test_one_that_cant_be_played_again_is_told_and_the_rest_stands(
     text = page(registry)
     assert told in text and "@keyframes" not in text and "<script" not in text
     assert "12</td>" in text
+
+
+def test_of_very_many_sources_those_that_led_most_have_a_colour_of_their_own() -> None:
+    sources = [f"policy-{number}" for number in range(1, 11)]
+    rows = [
+        {"frames": 1000, "context": ["a()"], "source": source, "chosen": number}
+        for number, source in enumerate(sources)
+    ]
+    document = {"sources": sources, "mapping": None, "moments": [], "reuse": rows}
+    colours = _colours(document)
+    own = ["target", *(f"policy-{number}" for number in (10, 9, 8, 7, 6, 5))]
+    assert [policy for policy, colour in colours.items() if colour < COLOURS - 1] == own
+    assert [colours[policy] for policy in own] == [*range(COLOURS - 1)]
+    assert dict(_legend(colours, str))["4 other sources"] == COLOURS - 1
+    few = _colours({**document, "sources": sources[:7]})
+    assert [*few.values()] == [*range(COLOURS)]
 
 
 def test_an_action_may_outlast_its_episode(registry: Registry) -> None:
@@ -357,10 +375,10 @@ def test_whatever_can_be_used_has_a_name(registry: Registry) -> None:
 
 
 def test_shares_are_stacked_to_the_top() -> None:
-    text = stacked({0: [0.25, 1.0], 2: [0.75, 0.0]}, [0, 100], SIZE, "x")
+    text = stacked({0: [0.25, 1.0], 2: [0.75, 0.0]}, [50, 100], SIZE, "x")
     lower, upper = re.findall(r'class="area c(\d)" points="([^"]*)"', text)
-    assert lower == ("0", "44.0,55.0 188.0,10.0 188.0,70.0 44.0,70.0")
-    assert upper == ("2", "44.0,10.0 188.0,10.0 188.0,10.0 44.0,55.0")
+    assert lower == ("0", "44.0,55.0 116.0,55.0 188.0,10.0 188.0,70.0 116.0,70.0 44.0,70.0")
+    assert upper == ("2", "44.0,10.0 116.0,10.0 188.0,10.0 188.0,10.0 116.0,55.0 44.0,55.0")
 
 
 def test_curves_share_their_axes() -> None:

@@ -91,6 +91,11 @@ def test_a_target_that_led_most_from_the_start_or_never() -> None:
     assert never.endswith("The target never led most of them for good.")
 
 
+def test_a_run_that_ended_early_is_told_as_a_whole() -> None:
+    moments = [moment(1000, "policy-1", 9), moment(2000, "target", 9)]
+    assert told(weights=EARLY, moments=moments).startswith("In the whole run the decisions were led 60 % by")
+
+
 def test_a_run_of_before_moments_were_recorded_tells_no_moment() -> None:
     assert told(weights=EARLY).endswith("and 15 % by the target itself.")
 

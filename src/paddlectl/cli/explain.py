@@ -54,7 +54,7 @@ def explain(
         require_output(html, ".html", ".htm")
     opened = Registry.open(registry, create=False)
     record = transfer_run(opened, run)
-    document = explanation_document(opened, record)
+    document = explanation_document(opened, record, recorded=as_json)
     if html is not None:
         _write(html, opened, record, document)
     if as_json:

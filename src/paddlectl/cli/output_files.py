@@ -17,9 +17,13 @@ def require_output(path: Path, *suffixes: str) -> None:
     """
     if path.suffix.lower() not in suffixes:
         raise UsageError(f"{path} doesn't end in {' or '.join(suffixes)}", "name a file that does")
-    if not path.parent.is_dir():
+    try:
+        there, plain, folder = path.exists() or path.is_symlink(), _is_plain(path), path.parent.is_dir()
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    if not folder:
         raise UsageError(f"{path} can't be written: there is no folder {path.parent}", "make it first")
-    if path.is_symlink() or (path.exists() and not path.is_file()):
+    if there and not plain:
         raise UsageError(f"{path} is there, and no plain file", "name another file")
 
 
@@ -34,4 +38,12 @@ def write_output(path: Path, data: bytes) -> None:
     try:
         write_atomically(path, data, shared=False)
     except OSError as error:
-        raise UsageError(f"{path} can't be written: {error.strerror}", "name a file elsewhere") from error
+        raise _unwritable(path, error) from error
+
+
+def _is_plain(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink()
+
+
+def _unwritable(path: Path, error: OSError) -> UsageError:
+    return UsageError(f"{path} can't be written: {error.strerror}", "name a file elsewhere")

@@ -92,7 +92,7 @@ def watch(
         played = load(asked)
         require_domain(record, played)
         seen = watched(revive(opened, record), asked, seed)
-        moments = list(seen) if gif else []
+        moments = thinned(seen, MOST) if gif else []
     if gif is None:
         _show(seen, per_second)
         return
@@ -134,12 +134,22 @@ def _show(seen: "Iterable[Seen]", per_second: float) -> None:
             time.sleep(1 / per_second)
 
 
+def thinned(seen: "Iterable[Seen]", most: int) -> "list[Seen]":
+    """At most so many moments at equal distances, and the last; no more are ever kept."""
+    kept: list[Seen] = []
+    every, moment = 1, None
+    for number, moment in enumerate(seen):
+        if number % every == 0:
+            kept.append(moment)
+        if len(kept) == most:
+            kept, every = kept[::2], 2 * every
+    return kept if moment is None or kept[-1] is moment else [*kept, moment]
+
+
 def _write(path: Path, moments: "list[Seen]", per_second: float) -> None:
     from paddlectl.report.frames import gif
 
-    every = -(-len(moments) // MOST)
-    kept = [*moments[:-1:every], moments[-1]]
-    data = gif([moment.picture for moment in kept], [_caption(moment) for moment in kept], per_second)
+    data = gif([moment.picture for moment in moments], [_caption(moment) for moment in moments], per_second)
     write_output(path, data)
 
 

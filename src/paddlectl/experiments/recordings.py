@@ -101,7 +101,7 @@ def played_again(asked: AnyTask, told: Mapping[str, Any], shown: Collection[int]
     """
     try:
         yield from _moments(asked, told, shown)
-    except (LookupError, TypeError, ValueError) as error:
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise IntegrityError(
             f"an episode of {load(asked).name} comes out otherwise than it was recorded",
             "use the version of paddlectl that recorded it",

@@ -60,10 +60,11 @@ _COUNT = range(2**63)
 _LARGEST = sys.float_info.max
 
 
-def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
+def explanation_document(registry: Registry, run: RunRecord, *, recorded: bool = True) -> dict[str, Any]:
     """The fields that `explain --json` promises, and the scores of the two traced episodes.
 
-    `recordings` are the episodes that can be played again (`experiments.recordings`).
+    `recordings` are the episodes that can be played again (`experiments.recordings`); they are left out
+    without `recorded`.
 
     `program` and `source_programs` are programs as `show` gives them; `program` is null if the run stored no
     policy. `reuse` has the rows of `agents.base.ReuseRow`, `documents` what else the method has to tell.
@@ -75,12 +76,11 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
     mapping = files.read_document(run.id, "mapping")
     weights = weight_rows(registry, run)
     trace = files.read_document(run.id, "trace") or {}
-    recordings = files.read_document(run.id, RECORDINGS) or {}
+    recordings = recordings_of(registry, run) if recorded else {}
     reuse = reuse_rows(registry, run)
     others = [name for name in files.document_names(run.id) if name not in _OWN_TEXT]
     told = {name: files.read_document(run.id, name) for name in others}
     _check(run.id, mapping, trace)
-    _check_recordings(run.id, recordings)
     for name, document in told.items():
         _demand(run.id, f"{name}.json", [document], {})
     return {
@@ -103,6 +103,17 @@ def explanation_document(registry: Registry, run: RunRecord) -> dict[str, Any]:
         "recordings": [{"phase": phase, **recordings[phase]} for phase in PHASES if phase in recordings],
         "trace_scores": {phase: trace.get(f"score_{phase}") for phase in PHASES},
     }
+
+
+def recordings_of(registry: Registry, run: RunRecord) -> dict[str, Any]:
+    """The episodes that can be played again, by their phase; none if the run kept none.
+
+    Raises:
+        IntegrityError: If they aren't what a run writes.
+    """
+    found: dict[str, Any] = registry.files.read_document(run.id, RECORDINGS) or {}
+    _check_recordings(run.id, found)
+    return found
 
 
 def weight_rows(registry: Registry, run: RunRecord) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ Picture = NDArray[np.uint8]
 
 MARGIN = 8  # pixels
 LETTERS = 14  # pixels high
-COLOURS = 64
+COLOURS = 256
 LAST = 8  # times as long as the others
 
 
@@ -25,13 +25,24 @@ def gif(pictures: Sequence[Picture], captions: Sequence[str], per_second: float)
         per_second: How many are shown in a second.
     """
     frames = [_captioned(*each) for each in zip(pictures, captions, strict=True)]
-    palette = frames[0].quantize(COLOURS)
+    palette = _palette(frames)
     first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
     each = round(1000 / per_second)
     data = io.BytesIO()
     durations = [each] * len(others) + [each * LAST]
     first.save(data, "GIF", save_all=True, append_images=others, duration=durations, loop=0, optimize=True)
     return data.getvalue()
+
+
+def _palette(frames: Sequence[Image.Image]) -> Image.Image:
+    """Colours for all the frames; one that is rare, or comes late, counts as much as any."""
+    found: set[int] = set()
+    for frame in frames:
+        red, green, blue = np.moveaxis(np.asarray(frame, np.int64), -1, 0)
+        found |= set(np.unique(red << 16 | green << 8 | blue).tolist())
+    codes = np.array(sorted(found))
+    colours = np.stack([codes >> 16, codes >> 8 & 255, codes & 255], -1).astype(np.uint8)
+    return Image.fromarray(colours[None]).quantize(COLOURS)
 
 
 def _captioned(picture: Picture, caption: str) -> Image.Image:

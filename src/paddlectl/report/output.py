@@ -6,7 +6,8 @@ import os
 import re
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, Self
 
 from rich.console import Console, Group, RenderableType
@@ -30,8 +31,10 @@ def console() -> Console:
 
 def print_json(document: Any) -> None:
     """One JSON document on stdout; numbers that JSON lacks become null."""
-    sys.stdout.write(json.dumps(_finite(document), indent=2, allow_nan=False) + "\n")
-    sys.stdout.flush()
+    text = json.dumps(_finite(document), indent=2, allow_nan=False)
+    with _answered():
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
 
 
 def height(parts: Sequence[RenderableType]) -> int:
@@ -44,8 +47,21 @@ def height(parts: Sequence[RenderableType]) -> int:
 
 def print_text(parts: Sequence[RenderableType]) -> None:
     """Renderables one below the other on stdout."""
-    _print(console(), parts)
-    sys.stdout.flush()
+    with _answered():
+        _print(console(), parts)
+        sys.stdout.flush()
+
+
+@contextmanager
+def _answered() -> Iterator[None]:
+    """Tells apart a fault of stdout: the command has done its work before it answers."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        why = f"the answer can't be written to standard output: {error.strerror}; what was asked for is done"
+        raise OSError(error.errno, why) from error
 
 
 def print_paged(parts: Sequence[RenderableType]) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from paddlectl.errors import PaddlectlError
+from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments.curves import LearningCurve, in_order
 from paddlectl.experiments.log import ended_episodes
 from paddlectl.experiments.similar import stored_program
@@ -21,7 +21,7 @@ from paddlectl.registry.names import ELSEWHERE
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.report.explained import SHORTEST, WHY
-from paddlectl.report.explanation import PHASES, TARGET
+from paddlectl.report.explanation import PHASES, TARGET, recordings_of
 from paddlectl.report.film import COLUMNS, PER_SECOND, Film, film
 from paddlectl.report.mapping import Labels, labels_for, scene_text
 from paddlectl.report.output import clean
@@ -50,7 +50,7 @@ def explanation_page(registry: Registry, run: RunRecord, document: Document) -> 
     Args:
         registry: Where the run is.
         run: The run.
-        document: Its `explanation_document`.
+        document: Its `explanation_document`; recordings are read here, for the rest is told without them.
     """
     environment = Environment(
         loader=PackageLoader("paddlectl.report"),
@@ -70,12 +70,12 @@ def explanation_page(registry: Registry, run: RunRecord, document: Document) -> 
         verdict=" ".join(map(str, verdict(document, labels))).strip(),
         curve=_curve(registry, run),
         terms=TERMS if document["weights"] else "",
-        legend=[(_name(policy, labels), colour) for policy, colour in colours.items()],
+        legend=[*_legend(colours, labels)],
         leaders=[*_leaders(document, colours)],
         psi=_psi(document, labels),
         program=_program(registry, run, document),
         documents=[(name, _json(told)) for name, told in document["documents"].items()],
-        episodes=[*_episodes(run, document, colours)],
+        episodes=[*_episodes(registry, run, document, colours)],
         script=script,
         script_hash=f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}",
         unusual=numbers(run)["unusual"],
@@ -98,9 +98,21 @@ def _name(policy: str, labels: Labels) -> str:
 
 
 def _colours(document: Document) -> dict[str, int]:
-    """Policy -> its colour, the target's first."""
+    """Policy -> its colour, the target's first. Of very many those that led most have one of their own."""
     sources = [source.removeprefix(ELSEWHERE) for source in document["sources"]]
-    return {policy: number for number, policy in enumerate((TARGET, *sources))}
+    led = sum((each for scene in _counts(document).values() for each in scene.values()), Counter[str]())
+    first = (
+        sources if len(sources) < COLOURS else sorted(sources, key=lambda source: -led[source])[: COLOURS - 2]
+    )
+    own = {policy: number for number, policy in enumerate((TARGET, *first))}
+    return own | {source: COLOURS - 1 for source in sources if source not in own}
+
+
+def _legend(colours: Mapping[str, int], labels: Labels) -> Iterator[tuple[str, int]]:
+    named = [(policy, colour) for policy, colour in colours.items()]
+    alike = Counter(colours.values())
+    yield from ((_name(policy, labels), colour) for policy, colour in named if alike[colour] == 1)
+    yield from ((f"{count} other sources", colour) for colour, count in alike.items() if count > 1)
 
 
 # Curves
@@ -151,10 +163,12 @@ def _leaders(document: Document, colours: Mapping[str, int]) -> Iterator[tuple[s
     for scene in frequent[:MOST_SCENES]:
         parts = _parts(counts[scene], last)
         ends = [last * (part + 1) / len(parts) for part in range(len(parts))]
-        shares = {
-            colour: [part[policy] / part.total() if part.total() else 0.0 for part in parts]
-            for policy, colour in colours.items()
-        }
+        shares: dict[int, list[float]] = {}
+        for policy, colour in colours.items():
+            own = [part[policy] / part.total() if part.total() else 0.0 for part in parts]
+            shares[colour] = [
+                sum(both) for both in zip(own, shares.get(colour, [0.0] * len(own)), strict=True)
+            ]
         text = context_text(scene)
         yield text, stacked(shares, ends, PANEL_SIZE, f"who led in {text}, share over training")
 
@@ -232,20 +246,22 @@ def _program(registry: Registry, run: RunRecord, document: Document) -> dict[str
         prolog = ""
     return {
         "scenes": [(scene, sorted(heads, reverse=True)) for scene, heads in scenes.items()],
-        "minimised": [*map(clean, program["minimised"][:SHORTEST])],
+        "minimised": [*map(clean, program["minimised"][:SHORTEST])] or ["(no clause)"],
         "prolog": prolog,
     }
 
 
-def _episodes(run: RunRecord, document: Document, colours: Mapping[str, int]) -> Iterator[dict[str, Any]]:
+def _episodes(
+    registry: Registry, run: RunRecord, document: Document, colours: Mapping[str, int]
+) -> Iterator[dict[str, Any]]:
     labels = labels_for(document)
-    recordings = {each["phase"]: each for each in document["recordings"]}
+    recordings, damaged = _recordings(registry, run)
     for phase in PHASES:
         decisions = [decision for decision in document["trace"] if decision["phase"] == phase]
         recording = recordings.get(phase)
         if not decisions and recording is None:
             continue
-        shown, note = None, ""
+        shown, note = None, damaged
         if recording is not None:
             try:
                 played = film(run, recording, decisions, document["reuse"])
@@ -259,6 +275,14 @@ def _episodes(run: RunRecord, document: Document, colours: Mapping[str, int]) ->
             "film": shown,
             "rows": [_decision(decision, labels) for decision in decisions],
         }
+
+
+def _recordings(registry: Registry, run: RunRecord) -> tuple[Document, str]:
+    """The episodes that can be played again, or why there are none to be had."""
+    try:
+        return recordings_of(registry, run), ""
+    except IntegrityError as error:
+        return {}, f"Without pictures: {clean(error.message)}."
 
 
 def _title(phase: str, recording: Document | None, score: float | None, traced: bool) -> str:
@@ -324,7 +348,7 @@ def _way(goals: Sequence[str]) -> str:
 
 
 def _colour(policy: str, colours: Mapping[str, int]) -> str:
-    return f"c{colours[policy] % COLOURS}" if policy in colours else "rule"
+    return f"c{colours[policy]}" if policy in colours else "rule"
 
 
 def _decision(decision: Document, labels: Labels) -> dict[str, Any]:

@@ -149,10 +149,10 @@ def verdict(document: Document, labels: Labels) -> list[RenderableType]:
         return []
     second = "; ".join([*_taken_over(document), *_at_the_end(late, labels)])
     second = f" {second[0].upper()}{second[1:]}." if second else ""
-    return ["", f"{_at_first(early, document, labels)}{second}"]
+    return ["", f"{_at_first(early, late, document, labels)}{second}"]
 
 
-def _at_first(early: Phase, document: Document, labels: Labels) -> str:
+def _at_first(early: Phase, late: Phase | None, document: Document, labels: Labels) -> str:
     led = sum(early.scenes.values(), Counter[str]())
     subgoals = Subgoals(document)
     told = []
@@ -162,6 +162,7 @@ def _at_first(early: Phase, document: Document, labels: Labels) -> str:
     others = early.total - sum(count for _, count in led.most_common(NAMED))
     told += [f"{percent(others / early.total)} by others"] if others else []
     until = f"Until frame {early.until:,}" if early.until else "At first"
+    until = until if late else "In the whole run"
     return f"{until} the decisions were led {_joined(told)}."
 
 
@@ -236,20 +237,20 @@ def _leaders(
     written: Callable[[float | None], str],
 ) -> list[RenderableType]:
     """Who led most in each scene, early and late; the most frequent scenes first."""
-    columns: tuple[Phase | None, ...] = (early, late)
+    columns = {PHASES[0]: early, PHASES[1]: late} if late else {"whole run": early}
     totals: Counter[Context] = Counter()
-    for recorded in filter(None, columns):
+    for recorded in columns.values():
         totals.update({scene: led.total() for scene, led in recorded.scenes.items()})
     rows = []
     for scene, count in totals.most_common(most):
         cells = [context_text(scene), percent(count / totals.total())]
-        for phase in columns:
-            leader = phase.leader(scene) if phase else None
-            value = phase.weights.get((scene, leader[0])) if phase and leader else None
+        for phase in columns.values():
+            leader = phase.leader(scene)
+            value = phase.weights.get((scene, leader[0])) if leader else None
             cells += [labels(leader[0]), percent(leader[1]), written(value)] if leader else ["–", "", ""]
         rows.append(Row(cells))
     heads = [Head("scene", breaks=True), Head("met", right=True, spare=True)]
-    for name in PHASES:
+    for name in columns:
         heads += [Head(name), Head("led", right=True), weight]
     rest = len(totals) - len(rows)
     more = f"; left out as rare: {rest}" if rest else ""

@@ -44,17 +44,18 @@ def stacked(shares: Mapping[int, Sequence[float]], x: Sequence[float], size: tup
 
     Args:
         shares: Colour -> a share for each x. [n]
-        x: Where, in frames; rising. [n]
+        x: Where each ends that begins where the one before ended, in frames; rising. [n]
         size: Width and height of the picture.
         of: What it shows, for who can't see it.
     """
     frame = _Frame(size, x[-1], 1.0)
+    x = [0.0, *x]
     below = np.zeros(len(x))
     drawn = []
     for colour, share in shares.items():
-        above = below + np.asarray(share)
-        there, back = frame.points(x, above), frame.points([*x][::-1], below[::-1])
-        drawn.append(f'<polygon class="area c{colour % COLOURS}" points="{there} {back}"/>')
+        above = below + np.asarray([share[0], *share])
+        there, back = frame.points(x, above), frame.points(x[::-1], below[::-1])
+        drawn.append(f'<polygon class="area c{colour}" points="{there} {back}"/>')
         below = above
     return frame.svg(drawn, of)
 

@@ -4,6 +4,8 @@ The rules are written a second time here; only the drawing of starts is shared w
 drawn from above by Pillow, without OpenGL.
 """
 
+import io
+from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +35,9 @@ from paddlectl.tasks.maze2d.layouts import (
 
 try:
     import mujoco
-    from gymnasium_robotics.envs.maze.point_maze import PointMazeEnv
+
+    with redirect_stderr(io.StringIO()):  # it tells of environments that aren't used here
+        from gymnasium_robotics.envs.maze.point_maze import PointMazeEnv
 except ModuleNotFoundError as error:
     raise DependencyNotInstalled(
         f"the maze needs {error.name}, which isn't installed; run: pip install 'paddlectl[maze]'"
