@@ -156,7 +156,7 @@ def test_a_field_more_or_less_or_of_another_kind_is_noticed() -> None:
     assert misfits(document, schema) == []
     for change, told in (
         ({"mean_score": 1.0}, ".runs[0]: has mean_score, which no schema tells"),
-        ({"final_success": None}, ".runs[0].final_success: None is no number"),
+        ({"success_rate": None}, ".runs[0].success_rate: None is no number"),
         ({"seed": True}, ".runs[0].seed: True is no integer"),
     ):
         changed = copy.deepcopy(document)

@@ -114,7 +114,7 @@ def test_a_budget_below_a_round_is_told_before_it_starts(tmp_path: Path) -> None
     with Registry.open(tmp_path / "registry") as opened:
 
         def report(progress: Progress) -> None:
-            assert told == ["2,048 frames are run instead of 1: a round has so many"]
+            assert told == ["2,048 frames are run instead of 1: whole rounds of 2,048"]
             assert (progress.frames, progress.total) == (2048, 2048)
             raise KeyboardInterrupt
 

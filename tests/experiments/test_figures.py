@@ -27,7 +27,7 @@ def test_short_episodes_are_the_lucky_ones_and_dont_flatter_the_area():
     # started by frames 0-19: two, one of them solved; 20-39: 2 of 3; 40-59: 2 of 4; 60-99: 3 of 5
     assert found["area_under_curve"] == pytest.approx((20 / 2 + 20 * 2 / 3 + 20 / 2 + 40 * 3 / 5) / 100)
     assert found["final_success"] == found["final_score"] == pytest.approx(3 / 5)
-    assert found["jump_start"] == pytest.approx(3 / 100)  # of a hundred; those that didn't end count as 0
+    assert found["jump_start"] == pytest.approx(3 / 5)  # so many are known
 
 
 def test_nothing_is_told_of_a_run_until_its_first_episode_has_ended():
@@ -73,9 +73,10 @@ def test_the_area_is_over_the_latest_hundred_that_had_started():
     assert figures(rows, 1000)["area_under_curve"] == pytest.approx(expected)
 
 
-def test_a_run_without_episodes_has_figures_of_zero():
-    nothing = {"jump_start": 0.0, "final_score": 0.0, "final_success": 0.0, "area_under_curve": 0.0}
+def test_a_run_whose_first_episode_goes_on_has_no_figures():
+    nothing = dict.fromkeys(("jump_start", "final_score", "final_success", "area_under_curve"))
     assert figures([], 4096) == nothing
+    assert figures([(order, 0, 400 + order, 0.9) for order in range(1, 64)], 4096) == nothing
 
 
 def test_when_a_share_of_a_hundred_that_started_one_after_another_was_solved():

@@ -58,7 +58,7 @@ def test_runs_are_finished_and_their_policies_kept(trained):
 def test_what_is_new_is_told_by_job(trained):
     for index, row in enumerate(trained.rows):
         begun, note, progress, outcome = [event for number, event in trained.told if number == index]
-        assert note == Note(f"{FRAMES:,} frames are run instead of 1: a round has so many")
+        assert note == Note(f"{FRAMES:,} frames are run instead of 1: whole rounds of {FRAMES:,}")
         assert begun == Begun(row["run"])
         assert (progress.run, progress.frames) == (row["run"], FRAMES)
         assert outcome == row

@@ -9,7 +9,7 @@ from rich.console import Console, RenderableType
 from paddlectl.report import tables
 from paddlectl.report.grid import Prose
 from paddlectl.report.mapping import Labels, mapping_table
-from paddlectl.report.tables import Column, table
+from paddlectl.report.tables import Column, percent, table
 from samples import TARGET
 
 WIDTHS = (*range(20, 101, 2), *range(110, 201, 15))
@@ -122,3 +122,8 @@ def test_prose_breaks_between_words_only() -> None:
         "run-123456789012345678901",
     ]
     assert drawn(Prose(""), 20) == [""]
+
+
+def test_what_is_not_all_is_never_called_a_hundred_percent() -> None:
+    shares = (None, 0.0, 0.004, 0.5, 0.994, 0.995, 0.9996, 1.0)
+    assert [*map(percent, shares)] == ["–", "0 %", "0 %", "50 %", "99 %", "99.5 %", "99.9 %", "100 %"]

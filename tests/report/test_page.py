@@ -182,7 +182,7 @@ def sheet_of(text: str) -> Image.Image:
 
 def test_a_recorded_episode_is_a_film(registry: Registry) -> None:
     text = page(registry)
-    assert "One early episode, decision by decision: not solved, 320 steps, until frame 5,000" in text
+    assert "One early episode, decision by decision: not solved, 320 steps, ended at frame 5,000" in text
     assert (
         'aria-label="An episode as moving pictures: not solved, 320 steps. It goes for gt_blockage()' in text
     )

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from paddlectl.report.output import height
-from paddlectl.report.summary import MOST_LINES, summary_parts, verdict
+from paddlectl.report.summary import MOST_LINES, phases, summary_parts, verdict
 from samples import TARGET, body
 
 A, B, C = (tuple(body(TARGET, true)) for true in ("X", "E", "KO"))
@@ -94,6 +94,12 @@ def test_a_target_that_led_most_from_the_start_or_never() -> None:
 def test_a_run_that_ended_early_is_told_as_a_whole() -> None:
     moments = [moment(1000, "policy-1", 9), moment(2000, "target", 9)]
     assert told(weights=EARLY, moments=moments).startswith("In the whole run the decisions were led 60 % by")
+
+
+def test_who_was_dropped_has_no_weight() -> None:
+    rows = [row | {"dropped": row["policy"] == "policy-1", "weight": -1.0} for row in EARLY]
+    early, _ = phases(document(weights=rows))
+    assert early is not None and (A, "policy-1") in early.dropped and (B, "policy-2") not in early.dropped
 
 
 def test_a_run_of_before_moments_were_recorded_tells_no_moment() -> None:

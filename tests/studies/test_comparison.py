@@ -1,13 +1,15 @@
 """What a comparison says of results made by hand, and what it refuses to say."""
 
+import dataclasses
 import json
 import math
 
 import pytest
 
-from paddlectl.errors import InvalidFileError, NotFoundError
+from paddlectl.errors import InvalidFileError, NotFoundError, UsageError
 from paddlectl.report.compared import compared_parts
 from paddlectl.report.output import print_text
+from paddlectl.report.panels import panels_of
 from paddlectl.studies.comparison import comparison_document
 from paddlectl.studies.grouped import FIGURES
 from paddlectl.studies.results import read_results, write_results
@@ -164,6 +166,22 @@ def test_runs_of_unequal_length_are_said() -> None:
     assert note.endswith("A (paddle 400,000, cup 200,000)")
 
 
+def test_runs_that_are_too_short_for_figures_are_left_out_and_of_few_episodes_said() -> None:
+    none = dict.fromkeys(("jump_start", "final_score", "final_success", "area_under_curve"))
+    rows = results({("A", "paddle"): SIX, ("A", "cup"): SIX})
+    short = dataclasses.replace(rows[-1], **none)
+    few = dataclasses.replace(rows[0], episodes=14)
+    document = comparison_document([few, *rows[1:-1], short])
+    assert [cell["n"] for cell in document["cells"]] == [6, 5]
+    notes = " ".join(document["notes"])
+    assert "left out, as they are too short to have figures: 1" in notes
+    assert "runs of fewer than 100 episodes, whose figures are of few: paddle in A" in notes
+    with pytest.raises(UsageError, match="no run is long enough to have figures"):
+        comparison_document([short])
+    assert [panel.title for panel in panels_of([short, rows[0]], "frames")] == ["A"]
+    assert panels_of([short], "frames") == []
+
+
 def test_there_is_no_optimality_gap_outside_of_0_to_1() -> None:
     scores = {(place, name): moved(3.0) for place in "AB" for name in ("paddle", "cup")}
     told = comparison_document(results(scores))
@@ -212,6 +230,7 @@ def test_names_steer_no_terminal(capsys) -> None:
 
 def test_a_file_of_results_comes_back(tmp_path) -> None:
     rows = results({("A", "paddle"): SIX, ("A", "cup"): [0.3]})
+    rows.append(dataclasses.replace(rows[0], seed=9, jump_start=None, area_under_curve=None))
     write_results(tmp_path / "x.json", rows)
     assert read_results(tmp_path / "x.json") == rows
 

@@ -69,6 +69,8 @@ def plot(
     if not _LIKE_RUN.fullmatch(what):
         name, caption = Path(what).stem, CAPTION
         panels = _panels(at_home(what), registry, x, seeds, frames)
+        if not panels:
+            raise UsageError(f"no run of {what} is long enough to have a curve", "give more --frames")
     else:
         opened = Registry.open(registry, create=False)
         record = opened.run(what)

@@ -18,6 +18,8 @@ from paddlectl.registry.store import Registry
 EVERY = 30.0
 """Seconds between two checkpoints: what a killed run loses at most, and a round."""
 
+NEAR = 0.05
+"""Share of its budget by which a run may end sooner without a word."""
 SHARE = 0.05
 """Of a run's time that its checkpoints may take, at most; large ones are kept more seldom then."""
 
@@ -63,9 +65,10 @@ class Checkpointer:
         return run
 
     def tell_of_rounds(self, frames: int, round_: int) -> None:
-        """Says that a budget is less than the one round that is always run."""
-        if self.resumed is None and frames < round_:
-            self.tell(f"{round_:,} frames are run instead of {frames:,}: a round has so many")
+        """Says how many frames are run where whole rounds come to clearly less than a budget, or to more."""
+        whole = max(1, frames // round_) * round_
+        if self.resumed is None and abs(whole - frames) > NEAR * frames:
+            self.tell(f"{whole:,} frames are run instead of {frames:,}: whole rounds of {round_:,}")
 
     @contextmanager
     def rounds(self, registry: Registry, log: RunLog, roots: dict[str, Any]) -> Iterator[Callable[[], None]]:

@@ -125,22 +125,28 @@ class LearningCurve:
         rows = np.fromiter(((e.order, e.started, e.finished, e.score) for e in ended), _ROW)
         rows.sort(order="order")
         self._frames = frames
+        self._ended = len(rows)
         self._first = rows["score"][rows["order"] < WINDOW]
         self._known = rows[rows["order"] == np.arange(len(rows))]
 
-    def figures(self) -> dict[str, float]:
-        """The run in four numbers.
+    def figures(self) -> dict[str, float | None]:
+        """The run in four numbers; each is None as long as the first episode hasn't ended.
 
         Returns:
             `jump_start`: mean score of the first 100 episodes started; one that didn't end within the run
-            counts as 0. `final_score` and `final_success`: of the last 100. `area_under_curve`: the mean of
-            `by_frames`.
+            counts as 0. Of a run in which fewer ended, the mean of those up to the first that didn't end.
+            `final_score` and `final_success`: of the last 100. `area_under_curve`: the mean of `by_frames`.
         """
-        last = _rates(self._known["score"][-WINDOW:])
+        known = self._known["score"]
+        if not len(known):
+            return dict.fromkeys(("jump_start", "final_score", "final_success", "area_under_curve"))
+        last = _rates(known[-WINDOW:])
         return {
-            "jump_start": sum(self._first.tolist()) / WINDOW,
-            "final_score": last["latest_score"] or 0.0,
-            "final_success": last["latest_success"] or 0.0,
+            "jump_start": sum(self._first.tolist()) / WINDOW
+            if self._ended >= WINDOW
+            else float(known.mean()),
+            "final_score": last["latest_score"],
+            "final_success": last["latest_success"],
             "area_under_curve": float(np.mean(self.by_frames())),
         }
 

@@ -288,7 +288,7 @@ def _recordings(registry: Registry, run: RunRecord) -> tuple[Document, str]:
 def _title(phase: str, recording: Document | None, score: float | None, traced: bool) -> str:
     title = f"One {phase} episode" + (", decision by decision" if traced else "")
     if recording is not None:
-        return f"{title}: {_outcome(recording)}, until frame {recording['frames']:,}"
+        return f"{title}: {_outcome(recording)}, ended at frame {recording['frames']:,}"
     return title if score is None else f"{title}; score {score:.2f}"
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import operator
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -91,14 +92,15 @@ def band(curves: Floats, rng: np.random.Generator) -> tuple[Floats, Floats, Floa
 def panels_of(results: Iterable[Result], axis: str) -> list[Panel]:
     """A panel for each scenario, a line for each method and variant, in the order in which they come.
 
-    A line goes as far as every seed of it. Of a cell that is told twice the latter counts.
+    A line goes as far as every seed of it. Of a cell that is told twice the latter counts. Runs that are too
+    short to have figures are left out.
 
     Args:
         results: Of a study.
         axis: One of AXES.
     """
     cells: dict[str, dict[str, dict[int, Result]]] = {}
-    for result in results:
+    for result in filter(operator.attrgetter("has_figures"), results):
         label = f"{result.method}, {result.variant}" if result.variant else result.method
         cells.setdefault(result.scenario, {}).setdefault(label, {})[result.seed] = result
     return [_panel(scenario, lines, axis) for scenario, lines in cells.items()]

@@ -60,7 +60,7 @@ def program_parts(document: Mapping[str, Any]) -> list[RenderableType]:
     return [
         f"{clean(document['policy'])} for {clean(document['task'])}",
         "",
-        "Learned, with the probability that each clause is executed:",
+        "Learned, with the probability that each clause is executed, from 0.1 on:",
         _grid(raw),
         "",
         "What it mostly does, in the shortest clauses for the scenes that it meets:",

@@ -1,7 +1,7 @@
 """An explanation in forty lines: what a run came to, who led early and late, the learned program."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rich.console import RenderableType
@@ -32,8 +32,8 @@ FIGURES = (
     ("crisp", "crispness", figure),
 )
 TERMS = (
-    "Λ: of the largest leads. It is made of ψ, how similar the logic of two scenes is, and Φ, what the"
-    " policy's decisions there earned."
+    "Λ is a policy's weight at the end of that part of the run. At each decision the policy with the largest"
+    " Λ leads. It is made of ψ, how similar the logic of two scenes is, and Φ, what its decisions earned."
 )
 
 SCENES = "A scene is written by the facts that hold in it; the other facts don't."
@@ -49,11 +49,13 @@ class Phase(NamedTuple):
         until: Frames at its end.
         scenes: How often each policy led, by scene.
         weights: Its weight there at the end, by scene and policy.
+        dropped: Where it isn't asked any more at the end.
     """
 
     until: int
     scenes: Mapping[Context, Counter[str]]
     weights: Mapping[tuple[Context, str], float]
+    dropped: Container[tuple[Context, str]] = ()
 
     @property
     def total(self) -> int:
@@ -125,12 +127,13 @@ def phases(document: Document) -> tuple[Phase | None, Phase | None]:
 
 
 def _guided(rows: Sequence[Document]) -> Phase | None:
-    scenes, weights = {}, {}
+    scenes, weights, dropped = {}, {}, set()
     for scene in scenes_met(rows):
         (standings,) = scene.standings.values()
         scenes[scene.body] = Counter({one.policy: one.chosen for one in standings})
         weights.update({(scene.body, one.policy): one.weight for one in standings})
-    return Phase(max(row.get("frames", 0) for row in rows), scenes, weights) if scenes else None
+        dropped |= {(scene.body, one.policy) for one in standings if one.dropped}
+    return Phase(max(row.get("frames", 0) for row in rows), scenes, weights, dropped) if scenes else None
 
 
 def _followed(rows: Sequence[Document]) -> Phase | None:
@@ -246,8 +249,12 @@ def _leaders(
         cells = [context_text(scene), percent(count / totals.total())]
         for phase in columns.values():
             leader = phase.leader(scene)
-            value = phase.weights.get((scene, leader[0])) if leader else None
-            cells += [labels(leader[0]), percent(leader[1]), written(value)] if leader else ["–", "", ""]
+            if leader is None:
+                cells += ["–", "", ""]
+                continue
+            there = scene, leader[0]
+            value = "dropped" if there in phase.dropped else written(phase.weights.get(there))
+            cells += [labels(leader[0]), percent(leader[1]), value]
         rows.append(Row(cells))
     heads = [Head("scene", breaks=True), Head("met", right=True, spare=True)]
     for name in columns:

@@ -1,5 +1,6 @@
 """Lists of things as tables."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +31,10 @@ def count(value: Any) -> str:
 
 
 def percent(share: Any) -> str:
-    return "–" if share is None else f"{100 * share:.0f} %"
+    """Of what isn't all it never says 100 %."""
+    if share is None:
+        return "–"
+    return f"{math.floor(1000 * share) / 10:.1f} %" if 0.995 <= share < 1.0 else f"{100 * share:.0f} %"
 
 
 def figure(value: Any) -> str:
@@ -153,7 +157,7 @@ TRANSFERRED = (
     Column("jump-start", "jump_start", figure),
     Column("final", "final_score", figure),
     Column("area", "area_under_curve", figure),
-    Column("success", "success_rate", percent),
+    Column("unseen success", "success_rate", percent),
     Column("policy", "policy"),
 )
 EVALUATED = (

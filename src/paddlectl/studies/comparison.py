@@ -6,12 +6,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from paddlectl import statistics
-from paddlectl.errors import NotFoundError
+from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry.names import nearest, shown
 from paddlectl.statistics import Sample
 from paddlectl.studies.grouped import FIGURES, SCORES, Grouped, newest
 from paddlectl.studies.results import Result
-from paddlectl.studies.verdicts import UNTOLD, notes_of, sentences, verdict_of
+from paddlectl.studies.verdicts import UNDECIDED, notes_of, sentences, verdict_of
 
 Document: TypeAlias = dict[str, Any]
 
@@ -48,10 +48,14 @@ def comparison_document(
 
     Raises:
         NotFoundError: If there are no results of that label.
+        UsageError: If no run was long enough to have figures.
     """
-    kept, older = newest(
-        results, lambda r: (r.scenario, r.target, r.method, r.variant, r.seed), lambda r: r.run
-    )
+    long = [result for result in results if result.has_figures]
+    if not long:
+        raise UsageError(
+            "no run is long enough to have figures: the first episode of each goes on", "give more --frames"
+        )
+    kept, older = newest(long, lambda r: (r.scenario, r.target, r.method, r.variant, r.seed), lambda r: r.run)
     grouped = Grouped(kept)
     chosen = _chosen(grouped.labels, of)
     made = _Comparison(grouped, chosen)
@@ -72,7 +76,7 @@ def comparison_document(
             "resamples": RESAMPLES,
             "coverage": {str(seeds): list(share) for seeds, share in statistics.COVERAGE.items()},
         },
-        "notes": [*notes, *notes_of(grouped, chosen, len(older))],
+        "notes": [*notes, *notes_of(grouped, chosen, len(older), len(results) - len(long))],
     }
 
 
@@ -214,7 +218,7 @@ class _Comparison:
         """By the difference; where a run never got there, by P(improvement)."""
         versus = self._versus(figure, first, label, places)
         difference = versus["difference"]
-        if versus["verdict"] == UNTOLD or difference is None:
+        if versus["verdict"] == UNDECIDED or difference is None:
             return versus["verdict"] in ("ahead", "behind")
         return difference["low"] is not None and not difference["low"] <= 0 <= difference["high"]
 

@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_origin, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from paddlectl.errors import InvalidFileError
 from paddlectl.experiments.curves import LearningCurve
@@ -34,7 +34,7 @@ class Result:
         code: The version of paddlectl that ran it, with its commit if it was a checkout.
         source_frames: Environment steps that its sources were trained with; they count for no method. None if
             one of them is in another registry.
-        jump_start: As `LearningCurve.figures` has it, as are the next three.
+        jump_start: As `LearningCurve.figures` has it, as are the next three: None of a run that is too short.
         frames_to_success: Until nine of ten among 100 episodes were solved; None if they never were.
         unseen_success: Share of the layouts that no training uses which its policy solves, as is the next.
         unseen_length: Mean length of those episodes.
@@ -53,15 +53,20 @@ class Result:
     episodes: int
     seconds: float
     source_frames: int | None
-    jump_start: float
-    final_score: float
-    final_success: float
-    area_under_curve: float
+    jump_start: float | None
+    final_score: float | None
+    final_success: float | None
+    area_under_curve: float | None
     frames_to_success: int | None
     unseen_success: float
     unseen_length: float
     by_frames: tuple[float, ...]
     by_episodes: tuple[float, ...]
+
+    @property
+    def has_figures(self) -> bool:
+        """Whether the run was long enough to have any."""
+        return self.area_under_curve is not None
 
 
 def result_of(registry: Registry, record: RunRecord, scenario: str = "", variant: str = "") -> Result:
@@ -129,7 +134,8 @@ def _fits(kind: Any, value: Any) -> bool:
         return isinstance(value, list) and all(_fits(float, number) for number in value)
     if isinstance(value, int | float) and not (abs(value) < MOST and not isinstance(value, bool)):
         return False  # also what is infinite or no number
-    return isinstance(value, int | float if kind is float else kind)
+    kinds = get_args(kind) or (kind,)
+    return isinstance(value, tuple(kinds) + ((int,) if float in kinds else ()))
 
 
 _FIELDS = get_type_hints(Result)

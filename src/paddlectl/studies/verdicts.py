@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from paddlectl.experiments.curves import WINDOW
 from paddlectl.statistics import COVERAGE
 from paddlectl.studies.grouped import SCORES, Grouped
 from paddlectl.whole import ranges
@@ -18,13 +19,13 @@ TITLES = {
     "final_score": "final score",
     "frames_to_success": "frames to 0.9",
 }
-UNTOLD = "untold"
+UNDECIDED = "undecided"
 
 
 def verdict_of(above: Mapping[str, Any], separable: bool) -> str:
-    """`ahead`, `behind` or `level` by the interval of P(improvement); `untold` if the seeds are too few."""
+    """`ahead`, `behind` or `level` by the interval of P(improvement); `undecided` with too few seeds."""
     if above["low"] is None or not separable:
-        return UNTOLD
+        return UNDECIDED
     if above["low"] > 0.5:
         return "ahead"
     return "behind" if above["high"] < 0.5 else "level"
@@ -43,7 +44,7 @@ _OVER_ALL = {
     "ahead": "over all ahead",
     "level": "over all level",
     "behind": "over all behind",
-    UNTOLD: "too few seeds over all",
+    UNDECIDED: "too few seeds over all",
 }
 _FIRST = {"ahead": "is ahead of {}", "level": "is level with {}", "behind": "is behind {}"}
 
@@ -58,9 +59,9 @@ def _sentence(chosen: str, other: str, rows: Sequence[Mapping[str, Any]], figure
         if verdict in places:
             said = verdict if parts else f"{chosen} {first.format(other)}"
             parts.append(f"{said} in {', '.join(places[verdict])}")
-    if UNTOLD in places:
+    if UNDECIDED in places:
         said = "too few seeds" if parts else f"too few seeds to tell {chosen} from {other}"
-        parts.append(f"{said} in {', '.join(places[UNTOLD])}")
+        parts.append(f"{said} in {', '.join(places[UNDECIDED])}")
     parts += [_OVER_ALL[row[figure]["verdict"]] for row in rows if row["scenario"] is None]
     counts = {n for row in rows if row["scenario"] is not None for n in row["n"]}
     return f"{'; '.join(parts)} ({TITLES[figure]}, {_seeds(counts)})"
@@ -71,9 +72,12 @@ def _seeds(counts: Iterable[int]) -> str:
     return f"{least} seed{'s' * (least != 1)}" if least == most else f"{least} to {most} seeds"
 
 
-def notes_of(grouped: Grouped, chosen: str, older: int) -> list[str]:
-    """Few or unequal seeds, missing cells, unequal frames, scores that aren't on one scale."""
+def notes_of(grouped: Grouped, chosen: str, older: int, short: int = 0) -> list[str]:
+    """Few or unequal seeds, missing cells, short or unequal runs, scores that aren't on one scale."""
     found = [_few(grouped), _unequal(grouped), _absent(grouped), _frames(grouped), _scale(grouped)]
+    if short:
+        found.append(f"runs left out, as they are too short to have figures: {short}")
+    found.append(_short(grouped))
     if older:
         found.append(f"older results left out: {older}; of a scenario, method and seed the newest run counts")
     if len(grouped.labels) == 1:
@@ -92,6 +96,17 @@ def _few(grouped: Grouped) -> str:
     few = [f"{label} in {place} ({len(cell)})" for place, label, cell in _cells(grouped) if len(cell) < FEW]
     short = f"at four an interval covers {100 * COVERAGE[4][0]:.0f} % only"
     return f"fewer than {FEW} seeds, and {short}: {_listed(few)}" if few else ""
+
+
+def _short(grouped: Grouped) -> str:
+    short = [
+        f"{label} in {place}"
+        for place, label, cell in _cells(grouped)
+        if any(result.episodes < WINDOW for result in cell.values())
+    ]
+    return (
+        f"runs of fewer than {WINDOW} episodes, whose figures are of few: {_listed(short)}" if short else ""
+    )
 
 
 def _unequal(grouped: Grouped) -> str:

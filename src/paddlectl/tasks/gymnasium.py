@@ -87,7 +87,7 @@ class GymnasiumTask:
     Atoms are written as programs show them: `has_key(agent)`, `gt_key()`.
 
     Attributes:
-        env: The environment's id, `Taxi-v3`.
+        env: The environment's id, `Taxi-v4`.
         domain: Policies are interchangeable within one.
         horizon: Steps after which an episode is truncated, unless the environment does so before.
         predicates: The body atoms, and whether each holds in a state.
