@@ -7,6 +7,7 @@ that a run writes down has them: the same run is equal at home, to the last bit.
 
 import logging
 import math
+import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +26,7 @@ LOCAL = "ray"
 """Instead of an address: the cluster of this machine, by RAY_ADDRESS or `ray start`; else Ray's own of it."""
 RETRIES = 3
 """How often a job is begun anew whose node or process was lost."""
+PATIENCE = 10.0  # seconds until an address must have answered
 _SAME = ("paddlectl", "commit")
 
 Files = Mapping[str, str]
@@ -75,6 +77,7 @@ def _cluster(address: str) -> Iterator[Any]:
         import ray
     except ImportError:
         raise PaddlectlError("Ray isn't installed", "run: pip install 'paddlectl[ray]'") from None
+    _require_answer(address)
     try:
         ray.init(None if address == LOCAL else address, log_to_driver=False, logging_level=logging.ERROR)
         yield ray
@@ -86,6 +89,23 @@ def _cluster(address: str) -> Iterator[Any]:
         ) from error
     finally:
         ray.shutdown()
+
+
+def _require_answer(address: str) -> None:
+    """Ray itself waits for minutes where nobody answers.
+
+    Raises:
+        PaddlectlError: If nobody does.
+    """
+    if address == LOCAL:
+        return
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), PATIENCE).close()
+    except (OSError, OverflowError) as error:
+        raise PaddlectlError(
+            f"the Ray cluster {address} can't be reached: {error}", "check the address with: ray status"
+        ) from error
 
 
 def _outcome(ray: Any, ended: Any, home: Registry) -> Outcome:
