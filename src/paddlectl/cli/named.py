@@ -37,37 +37,37 @@ class Labels(NamedTuple):
 UNLABELLED = Labels()
 
 
-def labels_of(name: str | None, tags: "Sequence[str] | None", count: int, location: str) -> Labels:
-    """What `--name` and `--tag` say of so many runs.
+def labels_of(
+    name: str | None, tags: "Sequence[str] | None", tasks: "Sequence[str]", location: str
+) -> Labels:
+    """What `--name` and `--tag` say of new runs, of a task each.
 
     Raises:
         UsageError: If several would have one name, or another run or a task has it, or something can't be a
-            name or a tag.
+            name or a tag, or a run is called as one of the tasks.
     """
     from paddlectl.registry.index.labels import row_of
     from paddlectl.registry.store import Registry
 
-    if name is None and not tags:
-        return UNLABELLED
     row_of(name, tags or ())
     if name is not None:
-        if count > 1:
-            raise UsageError(f"--name is of one run, and {count} are asked for", "use --tag")
-        require_no_task(name)
-        with suppress(NotFoundError), Registry.open(location, create=False) as opened:
-            opened.require_free(name)
+        if len(tasks) > 1:
+            raise UsageError(f"--name is of one run, and {len(tasks)} are asked for", "use --tag")
+        require_no_task(name, tasks)
+    with suppress(NotFoundError), Registry.open(location, create=False) as opened:
+        opened.require_free(name, tasks)
     return Labels(name, tuple(tags or ()))
 
 
-def require_no_task(name: str) -> None:
-    """Refuses a name for a run that is a task's.
+def require_no_task(name: str, tasks: "Sequence[str]" = ()) -> None:
+    """Refuses a name for a run that is a task's, one of these among them.
 
     Raises:
         UsageError: If it is.
     """
     from paddlectl.tasks.suite import known
 
-    if known(name):
+    if known(name) or name in tasks:
         raise UsageError(f"{name} is a task", "choose another name for the run")
 
 

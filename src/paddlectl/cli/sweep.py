@@ -189,6 +189,8 @@ def _run_missing(
     failed: dict[str, Failure] = {}
     tried: set[str] = set()
     waited = ""
+    tasks = {str(task) for cell in cells for task in (cell.scenario.target, *cell.scenario.source_names)}
+    registry.require_free(None, tasks)
     try:
         with registry.files.sweeping():
             while True:

@@ -7,6 +7,9 @@ from collections.abc import Sequence
 ELSEWHERE = "elsewhere:"
 """Before the id of a source that an imported run had in another registry."""
 
+LATEST = "latest"
+"""Stands for the newest run."""
+
 _ID = re.compile(r"(run|policy)-([1-9][0-9]{0,17})")
 
 
@@ -19,6 +22,11 @@ def number_of(name: str, kind: str) -> int | None:
 def is_id(name: str) -> bool:
     """Whether the name has the form of an id."""
     return _ID.fullmatch(name) is not None
+
+
+def is_like_id(name: str) -> bool:
+    """Whether the name is an id or may be taken for one: `RUN-1`, `run-01`, `policy_7`."""
+    return re.fullmatch(r"(run|policy)[-_]?[0-9]+", name, re.IGNORECASE) is not None
 
 
 def nearest(name: str, known: Sequence[str], cutoff: float = 0.6) -> str:

@@ -2,7 +2,7 @@
 
 import json
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -113,7 +113,8 @@ class Registry:
         """Opens a run, `running` from now on, and its folder.
 
         Raises:
-            UsageError: If a value isn't one that its field may hold (`fields`), or another run has the name.
+            UsageError: If a value isn't one that its field may hold (`fields`), another run or a task has
+                the name, or a run the task's.
         """
         row: dict[str, Any] = {
             "kind": kind,
@@ -130,32 +131,44 @@ class Registry:
         row |= {"status": "running", "frames": 0, "episodes": 0, "seconds": 0.0, "results": "{}"}
         row |= {"created": _now(), **labels.row_of(name, tags)}
         with self.index.writing() as connection:
-            labels.require_free(connection, name)
+            labels.require_free(connection, name, [task])
             run = f"run-{enter(self.index.database, connection, 'run', row)}"
             layout.make_run(self.folder, run)
             publish(self.folder, connection, run)
             return find_run(connection, run)
 
-    def require_free(self, name: str | None) -> None:
-        """Refuses the name of a run that is there.
+    def require_free(self, name: str | None, tasks: Collection[str]) -> None:
+        """Refuses a new run's name that a run or task has, and tasks whose names runs have.
 
         Raises:
-            UsageError: If it is one.
+            UsageError: If it is one, or one of them is a run's name.
         """
         with self.index.reading() as connection:
-            labels.require_free(connection, name)
+            labels.require_free(connection, name, tasks)
 
-    def label_run(self, run: str, name: str | None, tags: Sequence[str]) -> RunRecord:
-        """Gives a run another name, or none, and other tags; its files stay as they were sealed.
+    def label_runs(
+        self,
+        named: Sequence[str],
+        *,
+        name: str | None = None,
+        tags: Sequence[str] = (),
+        untagged: Sequence[str] = (),
+    ) -> list[RunRecord]:
+        """Changes what runs are called, of all or of none; their files stay as they were sealed.
+
+        Args:
+            named: Runs, by id or name.
+            name: What the one run shall be called; empty for nothing, None for what it is called.
+            tags: To add.
+            untagged: To take off.
 
         Raises:
             NotFoundError: If there is no such run.
-            UsageError: If one can't be a label, or another run has the name.
+            UsageError: If one can't be a label, or another run or a task has the name.
         """
         with self.index.writing() as connection:
-            found = find_run(connection, run)
-            labels.put(self.folder, connection, found, name, tags)
-            return find_run(connection, found.id)
+            changed = labels.change(self.folder, connection, named, name, tags, untagged)
+            return [find_run(connection, run) for run in changed]
 
     def finish_run(
         self, run: str, *, status: str, frames: int, episodes: int, seconds: float, results: Mapping[str, Any]
