@@ -1,6 +1,9 @@
 """Names and tags of runs: given when they start or later, and used instead of ids."""
 
 import json
+import os
+import shutil
+import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -8,16 +11,21 @@ from typing import Any
 import pytest
 
 from paddlectl import plugins
-from paddlectl.errors import PaddlectlError, UsageError
+from paddlectl.cli.completion import ended_names, plotted_names, run_names, stopped_names, transfer_names
+from paddlectl.cli.resume import resumable
+from paddlectl.cli.watch import _policy
+from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
+from paddlectl.experiments.jobs import ResumeJob
 from paddlectl.registry.bundles import bundles
 from paddlectl.registry.care.check import check
 from paddlectl.registry.care.repair import repair
 from paddlectl.registry.files import manifests
+from paddlectl.registry.names import quoted
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
 from paddlectl.tasks import suite
-from samples import TARGET, Command, add_source
+from samples import TARGET, Command, add_source, reseal
 
 LONG = "x" * 65
 KEY_GOAL = """\
@@ -209,3 +217,127 @@ def test_a_label_that_was_half_given_is_no_fault_and_is_mended(registry: Registr
     repair(registry.folder)
     assert Registry.open(registry.folder).run("run-3").name == "first"
     assert not kinds(registry)
+
+
+TAKING_A_RUN = [
+    (["show"], ["--json"], "run"),
+    (["label"], ["--tag", "x", "--json"], "runs"),
+    (["explain"], ["--json"], "run"),
+    (["export"], ["--json"], "run"),
+    (["registry", "export"], ["run.zip", "--json"], "exported"),
+    (["plot"], ["--json"], "figure"),
+    (["registry", "delete"], ["--yes", "--json"], "deleted"),
+]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "where"), TAKING_A_RUN, ids=[" ".join(words) for words, _, _ in TAKING_A_RUN]
+)
+def test_wherever_a_runs_id_stands_its_name_and_latest_do(
+    registry: Registry, command: Command, before: list[str], after: list[str], where: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    registry.files.append_rows("run-3", "episodes", [{"order": 0, "started": 0, "frames": 9, "score": 1.0}])
+    reseal(registry, "run-3")
+    registry.label_runs(["run-3"], name="A-paddle")
+    near = command(*before, "A-PADDLE", *after)
+    assert near.code == 4 and "did you mean A-paddle? or " in near.err, near
+    answers = []
+    for name in ("run-3", "A-paddle", "latest"):
+        shutil.copytree(registry.folder, tmp_path / name)
+        told = command(*before, name, *after, "--registry", tmp_path / name)
+        (tmp_path / "run.zip").unlink(missing_ok=True)
+        assert told.code == 0, told
+        answers.append(told.json[where])
+    assert answers[0] == answers[1] == answers[2] and "3" in str(answers[0])
+
+
+def test_a_run_is_watched_by_its_name(registry: Registry) -> None:
+    registry.label_runs(["run-3"], name="A-paddle")
+    assert [_policy(registry, name).id for name in ("A-paddle", "latest")] == ["policy-3", "policy-3"]
+    with pytest.raises(NotFoundError, match="did you mean A-paddle"):
+        _policy(registry, "A-PADDLE")
+
+
+def test_a_run_is_resumed_by_its_name(registry: Registry) -> None:
+    run = add(registry, task="BoxDoor", name="mine").id
+    registry.finish_run(run, status="interrupted", frames=0, episodes=0, seconds=0.0, results={})
+    for name in ("mine", "latest"):
+        assert [asked.job for asked in resumable(registry, [name], False)[0]] == [ResumeJob(run)]
+    with pytest.raises(NotFoundError, match="did you mean mine"):
+        resumable(registry, ["MINE"], False)
+
+
+def test_the_shell_is_offered_names(registry: Registry) -> None:
+    registry.label_runs(["run-3"], name="A-paddle")
+    place = str(registry.folder)
+    for offered in (run_names, plotted_names, ended_names, transfer_names):
+        assert ("A-paddle", f"run-3: paddle on {TARGET}") in offered(place)
+    add(registry, task="BoxDoor", name="mine")
+    assert ("mine", "run-4: hdm on BoxDoor") in stopped_names(place)
+
+
+def test_a_study_goes_before_a_run_of_its_name(
+    registry: Registry, command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    registry.label_runs(["run-3"], name="mine")
+    (tmp_path / "mine").write_text("")
+    assert "neither a study" in command("plot", "mine").err
+
+
+def test_what_matches_nothing_is_told(registry: Registry, command: Command) -> None:
+    registry.label_runs(["run-3"], tags=["paper"])
+    for words, note in (
+        (["--tag", "Paper"], "note: no run has the tag Paper; did you mean paper?\n"),
+        (["--tag", "q1"], "note: no run has the tag q1\n"),
+        (["--scenario", "zz"], "note: no run has the scenario zz\n"),
+        (["--tag", "paper", "--scenario", "A"], ""),
+        (["--tag", "paper", "--method", "hdm"], ""),
+    ):
+        assert command("runs", *words).err == note
+    for words, told in (
+        (["--since", ""], "error: '' is no date\nuse 2d"),
+        (["--tag", ""], "error: --tag can't be ''\nleave out --tag"),
+        (["--all", "--limit", "3"], "exclude each other\nleave one of them out"),
+    ):
+        answer = command("runs", *words)
+        assert answer.code == 2 and told in answer.err
+
+
+def test_folders_and_nothing_are_no_scenarios(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("paper", "A"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "A.yaml").write_text("")
+    for words, told in (
+        (["transfer", ""], "no scenario is named\nthere are A, "),
+        (["transfer", "."], ". is a folder, no scenario\nthere are A, "),
+        (["transfer", "A/"], "A/ is a folder, no scenario\ndid you mean A.yaml?"),
+        (["sweep", "paper", "--dry-run"], "paper is a folder, no study\ndid you mean paper/"),
+        (["plot", "paper"], "paper is a folder, no study\ndid you mean paper/"),
+    ):
+        answer = command(*words)
+        assert answer.code == 4 and told in answer.err, answer
+
+
+def test_what_a_run_lacks_comes_by_going_on(registry: Registry, command: Command) -> None:
+    run = add(registry, task="BoxDoor").id
+    for status in ("running", "interrupted"):
+        if status != "running":
+            registry.finish_run(run, status=status, frames=0, episodes=0, seconds=0.0, results={})
+        with pytest.raises(NotFoundError, match=f"run: paddlectl resume {run}"):
+            _policy(registry, run)
+        assert f"\nrun: paddlectl resume {run}" in command("plot", run).err
+    with registry.files.hold(registry.resume_run(run).id), pytest.raises(NotFoundError, match="wait for it"):
+        _policy(registry, run)
+
+
+@pytest.mark.parametrize("name", ["a b", "it's", "a\x1b[31m\\b'c\nd", "\u202eé", "\udcff x"])
+def test_what_is_quoted_can_be_pasted(name: str) -> None:
+    assert quoted(name).isprintable()
+    done = subprocess.run(["bash", "-c", f"printf %s {quoted(name)}"], capture_output=True, check=True)
+    assert done.stdout == os.fsencode(name)

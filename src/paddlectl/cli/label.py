@@ -14,7 +14,10 @@ def label(
     runs: Annotated[
         list[str],
         typer.Argument(
-            metavar="RUN...", autocompletion=complete_runs, help="Ids or names.", show_default=False
+            metavar="RUN...",
+            autocompletion=complete_runs,
+            help="Ids or names; or latest.",
+            show_default=False,
         ),
     ],
     name: Annotated[

@@ -72,18 +72,25 @@ def require_no_task(name: str, tasks: "Sequence[str]" = ()) -> None:
 
 
 def held(registry: "Registry", name: str) -> "RunRecord | PolicyRecord":
-    """The run of an id or of its user's name; else the policy of an id, or the best one of a task.
+    """The run of an id, of a name or for `latest`; else the policy of an id, or the best one of a task.
 
     Raises:
         NotFoundError: If there is none.
         UsageError: If the name is of several tasks, each defined in a file.
         InvalidFileError: If the file isn't a task.
     """
-    from paddlectl.registry.names import number_of
+    from paddlectl.registry.names import LATEST, is_id, nearest, number_of, shown
+    from paddlectl.tasks.naming import is_file
 
-    if number_of(name, "run") is not None:
+    if number_of(name, "run") is not None or name == LATEST:
         return registry.run(name)
-    return registry.run_called(name) or policy_named(registry, name)
+    try:
+        return registry.run_called(name) or policy_named(registry, name)
+    except NotFoundError:
+        near = "" if is_id(name) or is_file(name) else nearest(name, registry.run_names(name), 0.85)
+        if not near:
+            raise
+        raise NotFoundError(f"no run or policy {shown(name)}", f"{near}run: paddlectl runs") from None
 
 
 def policy_named(registry: "Registry", name: str) -> "PolicyRecord":

@@ -1,7 +1,9 @@
 """Ids, `run-42` and `policy-7`, and what to say of one that isn't there."""
 
 import difflib
+import os
 import re
+import shlex
 from collections.abc import Sequence
 
 ELSEWHERE = "elsewhere:"
@@ -39,7 +41,22 @@ def nearest(name: str, known: Sequence[str], cutoff: float = 0.6) -> str:
 def shown(name: str) -> str:
     """The name, safe and short enough for a message."""
     short = shortened(name)
-    return name if short == name and name.isprintable() else repr(short)
+    return name if name and short == name and name.isprintable() else repr(short)
+
+
+def quoted(text: str) -> str:
+    """The text as a word of a shell's command line that can be pasted, whatever characters are in it."""
+    if text.isprintable():
+        return shlex.quote(text)
+    return "$'" + "".join(map(_escaped, text)) + "'"
+
+
+def _escaped(character: str) -> str:
+    if character in "\\'":
+        return f"\\{character}"
+    if character.isprintable():
+        return character
+    return "".join(f"\\{byte:03o}" for byte in os.fsencode(character))
 
 
 def shortened(text: str) -> str:

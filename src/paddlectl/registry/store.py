@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self
 
-from sqlalchemy import ColumnElement, Table, select, update
+from sqlalchemy import ColumnElement, Table, null, select, update
 
 from paddlectl.errors import UsageError
 from paddlectl.registry import fields
@@ -26,6 +26,7 @@ from paddlectl.registry.index.queries import (
     find_run,
     next_step,
     programs,
+    run_names,
 )
 from paddlectl.registry.names import ELSEWHERE, number_of
 from paddlectl.registry.records import (
@@ -214,7 +215,7 @@ class Registry:
             return find_run(connection, run)
 
     def run(self, run: str) -> RunRecord:
-        """The run of an id such as `run-42`, or of a name that its user gave it.
+        """The run of an id such as `run-42`, or of a name that its user gave it, or the newest for `latest`.
 
         Raises:
             NotFoundError: If there is none; with the nearest id.
@@ -228,6 +229,11 @@ class Registry:
         with self.index.reading() as connection:
             found = run_records(connection.execute(chosen)) if name.isprintable() else []
             return found[0] if found else None
+
+    def run_names(self, like: str) -> list[str]:
+        """Names of runs that may have been meant by `like`."""
+        with self.index.reading() as connection:
+            return run_names(connection, like)
 
     def runs(self) -> list[RunRecord]:
         """All runs, newest first."""
@@ -406,7 +412,8 @@ class Registry:
         The newest come first.
         """
         c, kind = (policies.c, "policy") if which in ("policies", "programs") else (runs.c, "run")
-        rows = select(c.id, c.method, c.task).order_by(c.id.desc())
+        name = null() if kind == "policy" else runs.c.name
+        rows = select(c.id, c.method, c.task, name).order_by(c.id.desc())
         match which:
             case "programs":
                 rows = rows.where(policies.c.program.is_not(None))
@@ -418,10 +425,16 @@ class Registry:
                 own = ~c.sources.contains(ELSEWHERE)
                 rows = rows.where(c.status != "finished", c.method != "random", own)
         with self.index.reading() as connection:
-            found = [
-                Label(f"{kind}-{number}", method, task) for number, method, task in connection.execute(rows)
-            ]
+            found = [Label(f"{kind}-{number}", *told) for number, *told in connection.execute(rows)]
         return [label for label in found if which != "stopped" or not self.files.goes_on(label.id)]
+
+    def way_on(self, run: RunRecord) -> str:
+        """A hint: how a run comes to have what it lacks."""
+        if run.status == "running" and self.files.goes_on(run.id):
+            return f"wait for it: {run.id} goes on"
+        own = not any(source.startswith(ELSEWHERE) for source in run.sources)
+        resumable = run.status != "finished" and run.method != "random" and own
+        return f"run: paddlectl resume {run.id}" if resumable else "run: paddlectl runs"
 
     def read_checkpoint(self, policy: PolicyRecord) -> bytes:
         """The policy's safetensors bytes, verified.
