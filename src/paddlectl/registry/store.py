@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self
 
-from sqlalchemy import ColumnElement, Table, null, select, update
+from sqlalchemy import ColumnElement, Table, func, null, select, update
 
 from paddlectl.errors import UsageError
 from paddlectl.registry import fields
@@ -458,9 +458,13 @@ class Registry:
 def _equal(table: Table, wanted: Mapping[str, str]) -> list[ColumnElement[bool]]:
     """That each of these columns holds what is wanted."""
     return [
-        table.c.tags.contains(json.dumps(value), autoescape=True) if name == "tag" else table.c[name] == value
-        for name, value in wanted.items()
+        _has_tag(table, value) if name == "tag" else table.c[name] == value for name, value in wanted.items()
     ]
+
+
+def _has_tag(table: Table, tag: str) -> ColumnElement[bool]:
+    """By `replace`, which minds the case of letters in every database; LIKE doesn't."""
+    return func.replace(table.c.tags, json.dumps(tag), "") != table.c.tags
 
 
 def _require(values: Mapping[str, Any], kinds: Mapping[str, Any], what: str) -> None:
