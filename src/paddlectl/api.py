@@ -228,7 +228,7 @@ def train(
     _require_frames(frames)
     (job,) = train_jobs([os.fspath(task)], [seed], frames, None, method)
     location = _place(registry)
-    labels = labels_of(name, tags, 1, location)
+    labels = labels_of(name, tags, [str(job.task)], location)
     return _trained(replace(job, **labels._asdict()), location)
 
 
@@ -272,7 +272,7 @@ def transfer(
     _require_seed(seed)
     _require_frames(frames)
     location = _place(registry)
-    labels = labels_of(name, tags, 1, location)
+    labels = labels_of(name, tags, [str(asked.target)], location)
     if train_missing:
         for missing in missing_of(asked, by, (seed,), location):
             _trained(missing, location)

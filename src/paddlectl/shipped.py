@@ -61,14 +61,23 @@ def _given(text: str, folder: Path, noun: str, known: Sequence[str]) -> Path:
     if text in known:
         return _file(text)
     bare = text.removeprefix("./").removeprefix("scenarios/").removesuffix(SUFFIX)
+    if path.is_dir():
+        told = f"{shown(text)} is a folder, no {noun}" if text else f"no {noun} is named"
+        raise NotFoundError(told, _advice(text, path, known))
     if os.path.lexists(path) or (path.suffix and bare not in known):
         return path  # of which its reader tells what is wrong
-    if path.with_name(f"{path.name}{SUFFIX}").is_file():
-        raise NotFoundError(f"no file {shown(text)}", f"did you mean {shown(text)}{SUFFIX}?")
-    raise NotFoundError(f"no file {shown(text)}, and no {noun} of that name is shipped", _advice(bare, known))
+    raise NotFoundError(
+        f"no file {shown(text)}, and no {noun} of that name is shipped", _advice(text, path, known)
+    )
 
 
-def _advice(name: str, known: Sequence[str]) -> str:
+def _advice(text: str, path: Path, known: Sequence[str]) -> str:
+    """What may have been meant: a file beside it, those of a shipped folder of that name, or one like it."""
+    if path.name and path.with_name(f"{path.name}{SUFFIX}").is_file():
+        return f"did you mean {shown(text.rstrip('/'))}{SUFFIX}?"
+    name = text.strip("/").removeprefix("./").removeprefix("scenarios/").removesuffix(SUFFIX)
+    if inner := [each for each in known if name and each.startswith(f"{name}/")]:
+        return f"did you mean {' or '.join(inner)}?"
     folded = {part.casefold(): whole for whole in known for part in (whole.rpartition("/")[2], whole)}
     near = get_close_matches(name[:80].casefold(), folded, n=3)
     found = dict.fromkeys(folded[part] for part in near)

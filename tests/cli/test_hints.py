@@ -224,6 +224,8 @@ PROVOKED: list[tuple[Callable[[Registry], object], str]] = [
     (from_scratch, "resume run-4"),
     (nothing, "plot run-1"),
     (nothing, "plot run-9"),
+    (stopped, "watch run-4 --gif run.gif"),
+    (lambda r: r.label_runs(["run-1"], name="BoxDoor"), "train BoxDoor"),
     (nothing, "plot fig4.csv"),
     (lambda _: Path("fig4.json").write_text("[]"), "plot fig5.json"),
     (study, "sweep study.yaml --dry-run"),

@@ -1,6 +1,12 @@
 """What is deleted is gone for good, whatever else happens; what others build on stays."""
 
+import itertools
+import os
+import resource
 import shutil
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -8,6 +14,7 @@ import pytest
 from paddlectl.errors import NotFoundError, RegistryBusyError, UsageError
 from paddlectl.registry.care.check import check
 from paddlectl.registry.care.deletion import chosen_runs, remove
+from paddlectl.registry.care.garbage import collect
 from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from samples import BLOCKED_DOOR, TARGET, add_policy, add_source, add_transfer, program
@@ -107,3 +114,93 @@ def test_a_run_whose_folder_is_lost_can_be_deleted(registry: Registry) -> None:
 def test_only_what_is_there_can_be_named(registry: Registry, name: str) -> None:
     with pytest.raises(NotFoundError):
         chosen_runs(registry.location, ["run-4", name])
+
+
+STEPS = {"os.mkdir", "os.rename", "os.remove", "os.rmdir"}
+
+
+def stopped_at(registry: Registry, step: int) -> bool:
+    """Whether a process that deletes run-3 and run-4 was ended right before that change of the disk."""
+    process = os.fork()
+    if not process:
+        left = itertools.count(step, -1)
+
+        def hear(event: str, given: tuple[object, ...]) -> None:
+            opened = event == "open" and isinstance(given[2], int) and given[2] & (os.O_CREAT | os.O_RDWR)
+            if (opened or event in STEPS) and not next(left):
+                os._exit(9)
+
+        sys.addaudithook(hear)
+        try:
+            gone(registry, "run-3", "run-4")
+            os._exit(0)
+        finally:
+            os._exit(1)
+    code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    assert code in (0, 9)
+    return code == 9
+
+
+def test_a_deletion_that_is_stopped_anywhere_is_ended_or_hasnt_begun(
+    registry: Registry, tmp_path: Path
+) -> None:
+    every, some = ids(registry), ["run-2", "run-1", "policy-2", "policy-1"]
+    outcomes = []
+    for step in itertools.count():
+        shutil.copytree(registry.folder, place := tmp_path / f"copy{step}")
+        copy = Registry(place)
+        if not stopped_at(copy, step):
+            break
+        assert check(place, read_data=True).faults == []
+        outcomes.append(ids(copy))
+        assert outcomes[-1] in (every, some)
+        if outcomes[-1] == some and step % 4 == 3:  # the index is lost, too
+            for path in place.glob("registry.db*"):
+                path.unlink()
+        if step % 2:
+            repair(place)
+            assert ids(Registry.open(place)) == outcomes[-1]
+        else:
+            collect(place, grace=0, dry=True)
+            assert ids(copy) == outcomes[-1]
+        collect(place, grace=0)
+        assert check(place, read_data=True).findings == []
+        assert ids(copy) == outcomes[-1] and not [*place.glob("deleted-*")]
+        if outcomes[-1] == every:
+            gone(copy, "run-3", "run-4")
+        assert ids(copy) == some and not (place / "aside").exists()
+        assert sorted(path.name for path in (place / "runs").iterdir()) == ["run-1", "run-2"]
+    assert outcomes[0] == every and outcomes[-1] == some
+
+
+def test_few_open_files_are_enough_for_many_runs(registry: Registry) -> None:
+    for _ in range(14):
+        add_source(registry, "BoxDoor", None)
+    spare = os.dup(0)  # all below it are in use
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (spare + 10, hard))
+        gone(registry, *(run.id for run in registry.runs()))
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        os.close(spare)
+    assert ids(registry) == [] and check(registry.location).findings == []
+
+
+def test_a_run_that_was_entered_a_moment_ago_stays(registry: Registry) -> None:
+    run = registry.add_run(
+        kind="train",
+        method="hdm",
+        task="BoxDoor",
+        scenario=None,
+        sources=[],
+        seed=0,
+        settings={},
+        versions={},
+    ).id
+    with ThreadPoolExecutor(1) as pool:
+        deleting = pool.submit(gone, registry, run)
+        time.sleep(0.05)
+        with Registry.open(registry.location).files.hold(run), pytest.raises(RegistryBusyError):
+            deleting.result()
+    assert registry.run(run).id == run

@@ -1,6 +1,5 @@
 """`paddlectl compare`."""
 
-import shlex
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple, TypeVar
@@ -25,6 +24,7 @@ from paddlectl.cli.options import (
 )
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.methods.catalogue import METHODS
+from paddlectl.registry.names import quoted
 
 if TYPE_CHECKING:
     from paddlectl.registry.records import RunRecord
@@ -166,7 +166,7 @@ def from_study(
     results = results_of(opened, finished(opened, cells))
     left = len(cells) - len(results)
     notes = [f"{left} of the study's {len(cells)} cells aren't finished"] if left else []
-    way = f"paddlectl sweep {shlex.quote(file)}"
+    way = f"paddlectl sweep {quoted(file)}"
     return chosen(results, traits_of_result, wanted, file, lambda _: way), notes
 
 

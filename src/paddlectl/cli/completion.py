@@ -118,7 +118,10 @@ def _best(labels: "Iterable[Label]") -> list[tuple[str, str]]:
 
 
 def _pairs(labels: "Iterable[Label]") -> list[tuple[str, str]]:
-    return [(label.id, f"{label.method} on {label.task}") for label in labels]
+    """Each by its id, and by what its user calls it."""
+    found = [(label, f"{label.method} on {label.task}") for label in labels]
+    named = [(label.name, f"{label.id}: {what}") for label, what in found if label.name]
+    return [*((label.id, what) for label, what in found), *named]
 
 
 @_quiet

@@ -8,6 +8,7 @@ import typer
 from paddlectl.cli.options import AsJson, RegistryPlace, TaskFiles, complete_transfers, file_at
 from paddlectl.cli.output_files import require_output, write_output
 from paddlectl.errors import NotFoundError
+from paddlectl.registry.names import LATEST
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from paddlectl.registry.records import RunRecord
     from paddlectl.registry.store import Registry
 
-LATEST = "latest"
 SCENARIO = "A"
 EXAMPLE = "Example: paddlectl explain run-42"
 
@@ -23,7 +23,11 @@ EXAMPLE = "Example: paddlectl explain run-42"
 def explain(
     run: Annotated[
         str,
-        typer.Argument(metavar="RUN", autocompletion=complete_transfers, help="A transfer's run; or latest."),
+        typer.Argument(
+            metavar="RUN",
+            autocompletion=complete_transfers,
+            help="A transfer's run, by id or name; or latest.",
+        ),
     ] = LATEST,
     full: Annotated[
         bool, typer.Option("--full", help="Tell everything, on a terminal in a pager; else 40 lines at most.")

@@ -13,7 +13,10 @@ EXAMPLE = "Example: paddlectl export run-42 --parquet --to data"
 
 def export(
     run: Annotated[
-        str, typer.Argument(metavar="RUN", autocompletion=complete_runs, help="Its id.", show_default=False)
+        str,
+        typer.Argument(
+            metavar="RUN", autocompletion=complete_runs, help="Its id or name; or latest.", show_default=False
+        ),
     ],
     as_csv: Annotated[
         bool, typer.Option("--csv", help="A file for each table; so without any of these.")
@@ -45,7 +48,7 @@ def export(
     folder = to / record.id
     for place in (to, folder):
         if place.exists() and not place.is_dir():
-            raise UsageError(f"{place} is not a folder")
+            raise UsageError(f"{place} is not a folder", "name another: --to FOLDER")
     made = {folder / name: data for kind in kinds for name, data in files_of(kind, record, tables).items()}
     if made:
         folder.mkdir(parents=True, exist_ok=True)

@@ -14,7 +14,10 @@ def label(
     runs: Annotated[
         list[str],
         typer.Argument(
-            metavar="RUN...", autocompletion=complete_runs, help="Ids or names.", show_default=False
+            metavar="RUN...",
+            autocompletion=complete_runs,
+            help="Ids or names; or latest.",
+            show_default=False,
         ),
     ],
     name: Annotated[
@@ -45,11 +48,7 @@ def label(
     if name:
         require_no_task(name)
     with Registry.open(registry, create=False) as opened:
-        found = [opened.run(run) for run in runs]
-        changed = []
-        for run in found:
-            tags = [each for each in (*run.tags, *(tag or ())) if each not in (untag or ())]
-            changed.append(opened.label_run(run.id, run.name if name is None else name or None, tags))
+        changed = opened.label_runs(runs, name=name, tags=tag or (), untagged=untag or ())
     rows = [run_row(run) for run in changed]
     if as_json:
         print_json({"runs": rows})

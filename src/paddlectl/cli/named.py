@@ -37,53 +37,60 @@ class Labels(NamedTuple):
 UNLABELLED = Labels()
 
 
-def labels_of(name: str | None, tags: "Sequence[str] | None", count: int, location: str) -> Labels:
-    """What `--name` and `--tag` say of so many runs.
+def labels_of(
+    name: str | None, tags: "Sequence[str] | None", tasks: "Sequence[str]", location: str
+) -> Labels:
+    """What `--name` and `--tag` say of new runs, of a task each.
 
     Raises:
         UsageError: If several would have one name, or another run or a task has it, or something can't be a
-            name or a tag.
+            name or a tag, or a run is called as one of the tasks.
     """
     from paddlectl.registry.index.labels import row_of
     from paddlectl.registry.store import Registry
 
-    if name is None and not tags:
-        return UNLABELLED
     row_of(name, tags or ())
     if name is not None:
-        if count > 1:
-            raise UsageError(f"--name is of one run, and {count} are asked for", "use --tag")
-        require_no_task(name)
-        with suppress(NotFoundError), Registry.open(location, create=False) as opened:
-            opened.require_free(name)
+        if len(tasks) > 1:
+            raise UsageError(f"--name is of one run, and {len(tasks)} are asked for", "use --tag")
+        require_no_task(name, tasks)
+    with suppress(NotFoundError), Registry.open(location, create=False) as opened:
+        opened.require_free(name, tasks)
     return Labels(name, tuple(tags or ()))
 
 
-def require_no_task(name: str) -> None:
-    """Refuses a name for a run that is a task's.
+def require_no_task(name: str, tasks: "Sequence[str]" = ()) -> None:
+    """Refuses a name for a run that is a task's, one of these among them.
 
     Raises:
         UsageError: If it is.
     """
     from paddlectl.tasks.suite import known
 
-    if known(name):
+    if known(name) or name in tasks:
         raise UsageError(f"{name} is a task", "choose another name for the run")
 
 
 def held(registry: "Registry", name: str) -> "RunRecord | PolicyRecord":
-    """The run of an id or of its user's name; else the policy of an id, or the best one of a task.
+    """The run of an id, of a name or for `latest`; else the policy of an id, or the best one of a task.
 
     Raises:
         NotFoundError: If there is none.
         UsageError: If the name is of several tasks, each defined in a file.
         InvalidFileError: If the file isn't a task.
     """
-    from paddlectl.registry.names import number_of
+    from paddlectl.registry.names import LATEST, is_id, nearest, number_of, shown
+    from paddlectl.tasks.naming import is_file
 
-    if number_of(name, "run") is not None:
+    if number_of(name, "run") is not None or name == LATEST:
         return registry.run(name)
-    return registry.run_called(name) or policy_named(registry, name)
+    try:
+        return registry.run_called(name) or policy_named(registry, name)
+    except NotFoundError:
+        near = "" if is_id(name) or is_file(name) else nearest(name, registry.run_names(name), 0.85)
+        if not near:
+            raise
+        raise NotFoundError(f"no run or policy {shown(name)}", f"{near}run: paddlectl runs") from None
 
 
 def policy_named(registry: "Registry", name: str) -> "PolicyRecord":

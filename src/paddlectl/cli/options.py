@@ -306,11 +306,12 @@ def asked_for(**columns: str | None) -> dict[str, str]:
         NotFoundError: If there is no such file.
         InvalidFileError: If it isn't a task.
     """
+    from paddlectl.registry.names import shown
     from paddlectl.tasks.naming import content, given, is_file
 
     for name, value in columns.items():
         if value is not None and not (value and value.isprintable()):
-            raise UsageError(f"--{name} is empty or isn't printable")
+            raise UsageError(f"--{name} can't be {shown(value)}", f"leave out --{name} for all of them")
     if (task := columns.get("task")) is not None and is_file(task):
         columns["task"] = content(given(at_home(task))).name
     return {name: value for name, value in columns.items() if value is not None}
@@ -337,7 +338,7 @@ def most_rows(every: bool, limit: int | None) -> int | None:
         UsageError: If both are given.
     """
     if every and limit is not None:
-        raise UsageError("--all and --limit exclude each other")
+        raise UsageError("--all and --limit exclude each other", "leave one of them out")
     return None if every else limit or LISTED
 
 
@@ -350,7 +351,7 @@ def chosen_seeds(seed: int | None, seeds: str | None, default: tuple[int, ...]) 
     from paddlectl.whole import seeds as parsed
 
     if seed is not None and seeds is not None:
-        raise UsageError("--seed and --seeds exclude each other")
+        raise UsageError("--seed and --seeds exclude each other", "leave one of them out")
     if seeds is not None:
         return parsed(seeds)
     if seed is None:

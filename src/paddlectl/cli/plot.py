@@ -1,8 +1,8 @@
 """`paddlectl plot`."""
 
 import re
-import shlex
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -21,6 +21,8 @@ from paddlectl.cli.options import (
     file_at,
 )
 from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.registry.fields import LABEL
+from paddlectl.registry.names import quoted
 
 if TYPE_CHECKING:
     from paddlectl.registry.records import RunRecord
@@ -39,7 +41,7 @@ def plot(
         typer.Argument(
             metavar="FILE.yaml|NAME|FILE.json|RUN",
             autocompletion=complete_plotted,
-            help="A study, as sweep takes it, results of one, or a run's id.",
+            help="A study, as sweep takes it, results of one, or a run's id or name; or latest.",
             show_default=False,
         ),
     ],
@@ -63,10 +65,10 @@ def plot(
     from paddlectl.report.sparkline import sparkline
 
     if to.exists() and not to.is_dir():
-        raise UsageError(f"{to} is not a folder")
+        raise UsageError(f"{to} is not a folder", "name another: --to FOLDER")
     require_matplotlib()
     told = []
-    if not _LIKE_RUN.fullmatch(what):
+    if not _is_run(what, registry):
         name, caption = Path(what).stem, CAPTION
         panels = _panels(at_home(what), registry, x, seeds, frames)
         if not panels:
@@ -84,6 +86,21 @@ def plot(
         print_json({"figure": name, **{kind: str(path) for kind, path in files.items()}})
     else:
         print_text([*told, *(clean(path) for path in files.values())])
+
+
+def _is_run(what: str, location: str) -> bool:
+    """Whether it is a run's id or name, or near one; a study or file of that name goes before."""
+    from paddlectl.registry.names import LATEST, nearest
+    from paddlectl.registry.store import Registry
+
+    if _LIKE_RUN.fullmatch(what) or what == LATEST:
+        return True
+    if not re.fullmatch(LABEL, what) or what in shipped.studies() or Path(what).is_file():
+        return False
+    with suppress(NotFoundError), Registry.open(location, create=False) as opened:
+        known = opened.run_names(what)
+        return opened.run_called(what) is not None or bool(nearest(what, known, 0.85))
+    return False
 
 
 def _panels(what: str, registry: str, x: str, seeds: str | None, frames: int | None) -> "list[Panel]":
@@ -124,7 +141,7 @@ def _panels_of_study(
     opened = Registry.open(registry, create=False)
     runs = finished(opened, cells)
     if not runs:
-        raise NotFoundError(f"no results in {what}", f"run: paddlectl sweep {shlex.quote(what)} --dry-run")
+        raise NotFoundError(f"no results in {what}", f"run: paddlectl sweep {quoted(what)} --dry-run")
     if loaded.study.figure == "curves":
         return panels_of(results_of(opened, runs), x)
     of_scenarios: dict[str, list[RunRecord]] = {}

@@ -112,7 +112,7 @@ def delete(
         typer.Argument(
             metavar="RUN|POLICY...",
             autocompletion=complete_held,
-            help="Ids. A run and its policy go together.",
+            help="Ids, or names of runs. A run and its policy go together.",
             show_default=False,
         ),
     ],
@@ -157,7 +157,7 @@ def export(
         typer.Argument(
             metavar="POLICY|RUN",
             autocompletion=complete_held,
-            help="A policy's id, a task's name for its best policy, or a run's id.",
+            help="A policy's id, a task's name for its best policy, or a run's id or name.",
             show_default=False,
         ),
     ],

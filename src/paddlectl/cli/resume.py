@@ -25,7 +25,7 @@ def resume(
         typer.Argument(
             metavar="RUN...",
             autocompletion=complete_stopped,
-            help="Runs that were stopped; they go on side by side.",
+            help="Ids or names of runs that were stopped; they go on side by side.",
             show_default=False,
         ),
     ] = None,

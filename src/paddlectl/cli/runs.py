@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from paddlectl.registry.store import Registry
 
 EXAMPLE = "Example: paddlectl runs --status finished --since 2d"
+LOOKED_AT = 1000  # newest runs whose tags and scenarios may have been meant
 SECONDS = 2.0  # between two looks
 UNITS = {"d": "days", "h": "hours", "m": "minutes"}
 
@@ -132,10 +133,29 @@ def runs(
     found = document()
     if not found["runs"]:
         note_unknown(wanted)
+        _note_none(opened, wanted)
     if as_json:
         print_json(found)
     else:
         print_text(told(found))
+
+
+def _note_none(registry: "Registry", wanted: dict[str, str]) -> None:
+    """Says of a list that came out empty if no run at all has the tag, or is of the scenario."""
+    from paddlectl.cli.texts import one_line
+
+    newest, _ = registry.newest_runs(LOOKED_AT)
+    known = {
+        "tag": [tag for run in newest for tag in run.tags],
+        "scenario": [run.scenario for run in newest if run.scenario],
+    }
+    for noun, others in known.items():
+        name = wanted.get(noun)
+        if name is not None and not registry.newest_runs(1, {noun: name})[1]:
+            near = nearest(name, others).removesuffix(" or ")
+            print(
+                one_line(f"note: no run has the {noun} {shown(name)}{near and f'; {near}'}"), file=sys.stderr
+            )
 
 
 def _frames_so_far(registry: "Registry", run: dict[str, Any]) -> int:

@@ -73,7 +73,7 @@ def similarity(
 
     body, head = weights(body_weight, head_weight)
     if top is not None and source:
-        raise UsageError("--top and --source exclude each other")
+        raise UsageError("--top and --source exclude each other", "leave one of them out")
     task = load(task_named(target))
     opened = Registry.open(registry, create=False)
     if top is None:

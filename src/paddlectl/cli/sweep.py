@@ -1,7 +1,6 @@
 """`paddlectl sweep`."""
 
 import re
-import shlex
 import sys
 import time
 from contextlib import suppress
@@ -27,7 +26,7 @@ from paddlectl.cli.options import (
 from paddlectl.cli.output_files import require_output
 from paddlectl.cli.texts import here
 from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
-from paddlectl.registry.names import shown
+from paddlectl.registry.names import quoted, shown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -189,6 +188,8 @@ def _run_missing(
     failed: dict[str, Failure] = {}
     tried: set[str] = set()
     waited = ""
+    tasks = {str(task) for cell in cells for task in (cell.scenario.target, *cell.scenario.source_names)}
+    registry.require_free(None, tasks)
     try:
         with registry.files.sweeping():
             while True:
@@ -251,4 +252,5 @@ def _next(line: str, now: "Plan", dry_run: bool) -> str:
 def _line(file: str, seeds: str | None, frames: int | None) -> str:
     """The study as it was asked for."""
     options = {"--seeds": seeds, "--frames": frames}
-    return shlex.join([file, *(str(x) for each in options.items() if each[1] is not None for x in each)])
+    given = (str(word) for each in options.items() if each[1] is not None for word in each)
+    return " ".join(map(quoted, [file, *given]))

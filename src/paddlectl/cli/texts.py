@@ -2,10 +2,10 @@
 
 import os
 import re
-import shlex
 import sys
 
 from paddlectl.registry.index.addresses import secrets_of, without
+from paddlectl.registry.names import quoted
 
 _LOGIN = re.compile(r"(:/+|\w//).*@|(://)[^\s/@]*:[^@\s]*")  # the latter where a message was cut
 _KEY = re.compile(r"((?:password|passwd|pwd)=)[^\s&\"']+", re.IGNORECASE)
@@ -24,8 +24,8 @@ def here(text: str) -> str:
 
     So they can be typed as they are. A password in it isn't told again.
     """
-    files = "".join(f" --tasks {shlex.quote(file)}" for file in _given("--tasks"))
-    place = "".join(f" --registry {shlex.quote(without_secrets(each))}" for each in _given("--registry")[-1:])
+    files = "".join(f" --tasks {quoted(file)}" for file in _given("--tasks"))
+    place = "".join(f" --registry {quoted(without_secrets(each))}" for each in _given("--registry")[-1:])
 
     def placed(found: re.Match[str]) -> str:
         if "--help" in found[0]:

@@ -85,7 +85,7 @@ def train(
 
     with stdout_kept():
         asked = train_jobs(task, chosen_seeds(seed, seeds, (0,)), frames, preset, method, changed or ())
-        labels = labels_of(name, tag, len(asked), registry)
+        labels = labels_of(name, tag, [str(job.task) for job in asked], registry)
         asked = [replace(job, **labels._asdict()) for job in asked]
     ended = run_training(asked, registry, checkpoint_every, jobs)
     if as_json:
@@ -195,7 +195,8 @@ def run_training(
     from paddlectl.cli.running import Asked, run
     from paddlectl.registry.store import Registry
 
-    Registry.open(registry).close()  # a place that can't be used is told before anything is trained
+    with Registry.open(registry) as opened:  # what can't be is told before anything is trained
+        opened.require_free(None, {str(job.task) for job in jobs})
 
     with stdout_kept():
         asked = [

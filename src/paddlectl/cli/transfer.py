@@ -99,7 +99,7 @@ def transfer(
     scenario = load_scenario(shipped.scenario(file))
     chosen = chosen_seeds(seed, seeds, scenario.seeds)
     method = scenario.method if method is None else method
-    labels = labels_of(name, tag, len(chosen), registry)
+    labels = labels_of(name, tag, [str(scenario.target)] * len(chosen), registry)
     with stdout_kept():
         changes = changes_of(scenario, method, changed or ())
         found = sources_of(scenario, method, chosen, registry, train_missing, jobs)

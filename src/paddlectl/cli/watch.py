@@ -38,7 +38,7 @@ def watch(
         typer.Argument(
             metavar="POLICY|RUN",
             autocompletion=complete_held,
-            help="A policy's id, a task's name for its best policy, or a run's id for what it learned.",
+            help="A policy's id, a task's name for its best policy, or a run's id or name for its policy.",
             show_default=False,
         ),
     ],
@@ -118,7 +118,7 @@ def _policy(registry: "Registry", name: str) -> "PolicyRecord":
     if not isinstance(found, RunRecord):
         return found
     if found.policy is None:
-        raise NotFoundError(f"{found.id} has no policy: it is {found.status}", "run: paddlectl runs")
+        raise NotFoundError(f"{found.id} has no policy: it is {found.status}", registry.way_on(found))
     return registry.policy(found.policy)
 
 

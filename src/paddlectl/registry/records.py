@@ -139,3 +139,4 @@ class Label(NamedTuple):
     id: str
     method: str
     task: str
+    name: str | None = None

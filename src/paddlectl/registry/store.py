@@ -2,13 +2,13 @@
 
 import json
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self
 
-from sqlalchemy import ColumnElement, Table, select, update
+from sqlalchemy import ColumnElement, Table, func, null, select, update
 
 from paddlectl.errors import UsageError
 from paddlectl.registry import fields
@@ -26,6 +26,7 @@ from paddlectl.registry.index.queries import (
     find_run,
     next_step,
     programs,
+    run_names,
 )
 from paddlectl.registry.names import ELSEWHERE, number_of
 from paddlectl.registry.records import (
@@ -113,7 +114,8 @@ class Registry:
         """Opens a run, `running` from now on, and its folder.
 
         Raises:
-            UsageError: If a value isn't one that its field may hold (`fields`), or another run has the name.
+            UsageError: If a value isn't one that its field may hold (`fields`), another run or a task has
+                the name, or a run the task's.
         """
         row: dict[str, Any] = {
             "kind": kind,
@@ -130,32 +132,44 @@ class Registry:
         row |= {"status": "running", "frames": 0, "episodes": 0, "seconds": 0.0, "results": "{}"}
         row |= {"created": _now(), **labels.row_of(name, tags)}
         with self.index.writing() as connection:
-            labels.require_free(connection, name)
+            labels.require_free(connection, name, [task])
             run = f"run-{enter(self.index.database, connection, 'run', row)}"
             layout.make_run(self.folder, run)
             publish(self.folder, connection, run)
             return find_run(connection, run)
 
-    def require_free(self, name: str | None) -> None:
-        """Refuses the name of a run that is there.
+    def require_free(self, name: str | None, tasks: Collection[str]) -> None:
+        """Refuses a new run's name that a run or task has, and tasks whose names runs have.
 
         Raises:
-            UsageError: If it is one.
+            UsageError: If it is one, or one of them is a run's name.
         """
         with self.index.reading() as connection:
-            labels.require_free(connection, name)
+            labels.require_free(connection, name, tasks)
 
-    def label_run(self, run: str, name: str | None, tags: Sequence[str]) -> RunRecord:
-        """Gives a run another name, or none, and other tags; its files stay as they were sealed.
+    def label_runs(
+        self,
+        named: Sequence[str],
+        *,
+        name: str | None = None,
+        tags: Sequence[str] = (),
+        untagged: Sequence[str] = (),
+    ) -> list[RunRecord]:
+        """Changes what runs are called, of all or of none; their files stay as they were sealed.
+
+        Args:
+            named: Runs, by id or name.
+            name: What the one run shall be called; empty for nothing, None for what it is called.
+            tags: To add.
+            untagged: To take off.
 
         Raises:
             NotFoundError: If there is no such run.
-            UsageError: If one can't be a label, or another run has the name.
+            UsageError: If one can't be a label, or another run or a task has the name.
         """
         with self.index.writing() as connection:
-            found = find_run(connection, run)
-            labels.put(self.folder, connection, found, name, tags)
-            return find_run(connection, found.id)
+            changed = labels.change(self.folder, connection, named, name, tags, untagged)
+            return [find_run(connection, run) for run in changed]
 
     def finish_run(
         self, run: str, *, status: str, frames: int, episodes: int, seconds: float, results: Mapping[str, Any]
@@ -201,7 +215,7 @@ class Registry:
             return find_run(connection, run)
 
     def run(self, run: str) -> RunRecord:
-        """The run of an id such as `run-42`, or of a name that its user gave it.
+        """The run of an id such as `run-42`, or of a name that its user gave it, or the newest for `latest`.
 
         Raises:
             NotFoundError: If there is none; with the nearest id.
@@ -215,6 +229,11 @@ class Registry:
         with self.index.reading() as connection:
             found = run_records(connection.execute(chosen)) if name.isprintable() else []
             return found[0] if found else None
+
+    def run_names(self, like: str) -> list[str]:
+        """Names of runs that may have been meant by `like`."""
+        with self.index.reading() as connection:
+            return run_names(connection, like)
 
     def runs(self) -> list[RunRecord]:
         """All runs, newest first."""
@@ -393,7 +412,8 @@ class Registry:
         The newest come first.
         """
         c, kind = (policies.c, "policy") if which in ("policies", "programs") else (runs.c, "run")
-        rows = select(c.id, c.method, c.task).order_by(c.id.desc())
+        name = null() if kind == "policy" else runs.c.name
+        rows = select(c.id, c.method, c.task, name).order_by(c.id.desc())
         match which:
             case "programs":
                 rows = rows.where(policies.c.program.is_not(None))
@@ -405,10 +425,16 @@ class Registry:
                 own = ~c.sources.contains(ELSEWHERE)
                 rows = rows.where(c.status != "finished", c.method != "random", own)
         with self.index.reading() as connection:
-            found = [
-                Label(f"{kind}-{number}", method, task) for number, method, task in connection.execute(rows)
-            ]
+            found = [Label(f"{kind}-{number}", *told) for number, *told in connection.execute(rows)]
         return [label for label in found if which != "stopped" or not self.files.goes_on(label.id)]
+
+    def way_on(self, run: RunRecord) -> str:
+        """A hint: how a run comes to have what it lacks."""
+        if run.status == "running" and self.files.goes_on(run.id):
+            return f"wait for it: {run.id} goes on"
+        own = not any(source.startswith(ELSEWHERE) for source in run.sources)
+        resumable = run.status != "finished" and run.method != "random" and own
+        return f"run: paddlectl resume {run.id}" if resumable else "run: paddlectl runs"
 
     def read_checkpoint(self, policy: PolicyRecord) -> bytes:
         """The policy's safetensors bytes, verified.
@@ -432,9 +458,13 @@ class Registry:
 def _equal(table: Table, wanted: Mapping[str, str]) -> list[ColumnElement[bool]]:
     """That each of these columns holds what is wanted."""
     return [
-        table.c.tags.contains(json.dumps(value), autoescape=True) if name == "tag" else table.c[name] == value
-        for name, value in wanted.items()
+        _has_tag(table, value) if name == "tag" else table.c[name] == value for name, value in wanted.items()
     ]
+
+
+def _has_tag(table: Table, tag: str) -> ColumnElement[bool]:
+    """By `replace`, which minds the case of letters in every database; LIKE doesn't."""
+    return func.replace(table.c.tags, json.dumps(tag), "") != table.c.tags
 
 
 def _require(values: Mapping[str, Any], kinds: Mapping[str, Any], what: str) -> None:

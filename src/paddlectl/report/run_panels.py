@@ -34,7 +34,7 @@ def _score(registry: Registry, run: RunRecord, axis: str) -> Series:
     episodes = in_order(ended_episodes(registry, run.id))
     if len(episodes) < (EPISODES if axis == "episodes" else 1):
         told = f"{len(episodes)} episodes of {run.id} have ended, too few for a curve over {axis}"
-        raise NotFoundError(told, "run: paddlectl runs")
+        raise NotFoundError(told, registry.way_on(run))
     frames = max(run.frames, *(episode.finished for episode in episodes))  # it may go on
     curve = LearningCurve(episodes, frames)
     if axis == "frames":

@@ -1,12 +1,12 @@
 """Tasks as users name them: by name, or by a file that defines one. Only a file loads what reads it."""
 
-import shlex
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from paddlectl.errors import NotFoundError
+from paddlectl.registry.names import quoted
 from paddlectl.registry.records import Content
 from paddlectl.tasks.suite import AnyTask, known
 
@@ -46,7 +46,7 @@ def content(task: AnyTask) -> Content:
 
 def typed(task: AnyTask) -> str:
     """The task as a user types it in a shell."""
-    return task if isinstance(task, str) else shlex.quote(task.file or task.spec.name)
+    return task if isinstance(task, str) else quoted(task.file or task.spec.name)
 
 
 def kept(name: str, definition: Mapping[str, Any] | None) -> AnyTask:

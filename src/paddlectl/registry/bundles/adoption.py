@@ -9,6 +9,7 @@ from sqlalchemy import Connection, update
 
 from paddlectl.registry.files import documents, layout, manifests, objects
 from paddlectl.registry.files.faults import disk_faults
+from paddlectl.registry.index import labels
 from paddlectl.registry.index.entry import enter, publish
 from paddlectl.registry.index.index import Index
 from paddlectl.registry.index.queries import same_runs
@@ -26,6 +27,9 @@ def adopt(
 
     Returns:
         `{run, policy, known}`: the ids, and whether they were here already.
+
+    Raises:
+        UsageError: If a run here is called as the task is.
     """
     row = {**run, "resumes": 0}
     for name in ("sources", "settings", "versions", "results"):
@@ -40,6 +44,7 @@ def adopt(
         for known in same_runs(connection, row, learned):
             if all((folder / "runs" / known["run"] / table).exists() for table in tables):
                 return {**known, "known": True}
+        labels.require_free(connection, None, [run["task"]])
         published: list[str] = []
         if policy is not None:
             objects.keep(folder / "objects", checkpoint)

@@ -15,6 +15,7 @@ from sqlalchemy import Connection, inspect, select
 
 from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError, PaddlectlError
 from paddlectl.logic.syntax import parse_program
+from paddlectl.registry.care import tombstones
 from paddlectl.registry.care.files import (
     OBJECT,
     Rows,
@@ -179,9 +180,10 @@ def _policy_row(report: Report, name: str, row: dict[str, Any]) -> None:
 
 def _look(report: Report, folder: Path) -> Found:
     """What is found at each run, policy and other file; none is left out in which nothing is found."""
-    names = {*report.rows, *manifests.names(folder)}
-    names |= {path.name for path in entries(folder / "runs") if number_of(path.name, "run")}
     rows = report.rows
+    names = {*rows, *manifests.names(folder)}
+    names |= {path.name for path in entries(folder / "runs") if number_of(path.name, "run")}
+    names -= tombstones.dead(folder, rows)
     found = {
         name: _look_at(report, folder, name, rows.get(name), rows) for name in sorted(names, reverse=True)
     }  # runs before policies
@@ -208,7 +210,7 @@ def _looked_at(
     report: Report, folder: Path, found: Found, left: list[str], rows: dict[str, dict[str, Any]]
 ) -> list[str]:
     """Looks at some of what is left, for a moment; gives the rest."""
-    until = time.monotonic() + _TURN
+    until, dead = time.monotonic() + _TURN, tombstones.dead(folder, rows)
     for done, name in enumerate(left):
         if done and time.monotonic() > until:
             return left[done:]
@@ -216,6 +218,10 @@ def _looked_at(
             found[name] = list(other_file(folder, name, objects_of(report, rows)))
             continue
         report.rows.pop(name, None)
+        if name in dead:
+            report.manifests.pop(name, None)
+            found[name] = []
+            continue
         if name in rows:
             report.rows[name] = rows[name]
         found[name] = _look_at(report, folder, name, rows.get(name), rows)

@@ -1,22 +1,20 @@
 """`registry delete`: runs with their policies, and nothing that another run builds on.
 
-A run's policy goes with it. Rows and manifests go in one transaction, so that an index made again from
-manifests doesn't have them either; then the files that nobody needs any more.
+A run's policy goes with it. What goes is written down before the transaction of its rows is committed
+(`tombstones`), so that whatever stops it, `gc`, `repair` or the next deletion ends it, or nothing is deleted.
 """
 
 import json
-import shutil
 from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 
 from sqlalchemy import Connection, delete, select
 
 from paddlectl.errors import RegistryBusyError, UsageError
-from paddlectl.registry.files import manifests
+from paddlectl.registry.care import tombstones
+from paddlectl.registry.files import layout
 from paddlectl.registry.files.faults import disk_faults
-from paddlectl.registry.files.objects import object_path
-from paddlectl.registry.files.runfiles import RunFiles
+from paddlectl.registry.files.runfiles import goes_on
 from paddlectl.registry.index.index import Index
 from paddlectl.registry.index.queries import find_policy, find_run
 from paddlectl.registry.names import number_of
@@ -62,28 +60,31 @@ def remove(location: str | Path, chosen: Sequence[RunRecord]) -> int:
     """
     numbers = {int(run.id.partition("-")[2]) for run in chosen}
     index = Index(location).open(create=False)
-    folder, files = index.folder, RunFiles(index.folder, index.shown)
-    with ExitStack() as held:
+    with index.writing() as connection, disk_faults(index.shown):
+        if _with_dependants(connection, numbers) != numbers:
+            raise RegistryBusyError("a run that builds on these has begun", "run the same command again")
         for run in chosen:
-            if (folder / "runs" / run.id).is_dir():
-                held.enter_context(files.hold(run.id))
-        with index.writing() as connection:
-            if _with_dependants(connection, numbers) != numbers:
-                raise RegistryBusyError("a run that builds on these has begun", "run the same command again")
-            own = connection.execute(
-                select(policies.c.id, policies.c.checkpoint).where(policies.c.run.in_(numbers))
-            ).all()
-            gone = [*(f"policy-{row.id}" for row in own), *(run.id for run in chosen)]
-            connection.execute(delete(policies).where(policies.c.run.in_(numbers)))
-            connection.execute(delete(runs).where(runs.c.id.in_(numbers)))
-            with disk_faults(index.shown):
-                freed = sum(_unlinked(manifests.path_of(folder, name)) for name in gone)
-        with index.writing() as connection, disk_faults(index.shown):
-            needed = set(connection.scalars(select(policies.c.checkpoint)))
-            for checkpoint in {row.checkpoint for row in own} - needed:
-                freed += _unlinked(object_path(folder / "objects", checkpoint))
-        with disk_faults(index.shown):
-            return freed + sum(_removed(folder / "runs" / run.id) for run in chosen)
+            _require_still(connection, index.folder, run.id)
+        own = connection.execute(
+            select(policies.c.id, policies.c.checkpoint).where(policies.c.run.in_(numbers))
+        ).all()
+        names = [*(f"policy-{row.id}" for row in own), *(run.id for run in chosen)]
+        tombstones.begin(index.folder, names, {row.checkpoint for row in own})
+        connection.execute(delete(policies).where(policies.c.run.in_(numbers)))
+        connection.execute(delete(runs).where(runs.c.id.in_(numbers)))
+    with disk_faults(index.shown):
+        return sum(size for _, size in tombstones.finish(index))
+
+
+def _require_still(connection: Connection, folder: Path, run: str) -> None:
+    """Refuses a run that goes on. None begins to in this transaction: a run begins by one of its own.
+
+    Raises:
+        RegistryBusyError: If it does.
+    """
+    status = connection.scalar(select(runs.c.status).where(runs.c.id == number_of(run, "run")))
+    if goes_on(folder, run) if status == "running" else layout.is_held(folder / "runs" / run):
+        raise RegistryBusyError(f"{run} goes on in another process", "wait for it, or stop that process")
 
 
 def _run_of(connection: Connection, name: str) -> int:
@@ -103,20 +104,3 @@ def _with_dependants(connection: Connection, numbers: Iterable[int]) -> set[int]
         every |= new
         new = {run for run, teachers in taught.items() if teachers & new} - every
     return every
-
-
-def _unlinked(path: Path) -> int:
-    """The bytes of a file that was there."""
-    try:
-        size = path.lstat().st_size
-        path.unlink()
-    except FileNotFoundError:
-        return 0
-    return size
-
-
-def _removed(folder: Path) -> int:
-    """The bytes of a folder that was there."""
-    size = sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file())
-    shutil.rmtree(folder, ignore_errors=not folder.exists())
-    return size

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import safetensors
 
 from paddlectl.errors import IntegrityError
+from paddlectl.registry.care import tombstones
 from paddlectl.registry.care.findings import Finding, Report, entries, inside
 from paddlectl.registry.files import checkpoints, documents, layout, manifests
 from paddlectl.registry.files.manifests import Manifest, Seal
@@ -51,7 +52,7 @@ def other_files(folder: Path) -> list[str]:
     found = [path for path in entries(folder / manifests.FOLDER) if not manifests.is_one(path)]
     found += entries(folder / "objects")
     found += [path for path in entries(folder / "runs") if number_of(path.name, "run") is None]
-    found += [*folder.glob("registry.db.new*"), *folder.glob("*.part")]
+    found += [*folder.glob("registry.db.new*"), *folder.glob("*.part"), *tombstones.folders(folder)]
     return [inside(folder, path) for path in found]
 
 
@@ -60,7 +61,9 @@ def other_file(folder: Path, name: str, objects: Objects) -> Iterator[Finding]:
     path = folder / name
     if not path.exists() and not path.is_symlink():
         return
-    if path.parent == folder:
+    if path.parent == folder and path.name.startswith(tombstones.FOLDER):
+        yield Finding("leftover", name, "a deletion was stopped; gc and repair end it", fault=False)
+    elif path.parent == folder:
         yield Finding("leftover", name, "a process was stopped", fault=False)
     elif path.parent.name == "runs" and name.endswith(".part"):
         yield Finding("leftover", name, "a writer was stopped", fault=False)
@@ -144,7 +147,10 @@ def check_contents(report: Report, folder: Path) -> None:
         for file, seal in (manifest.files or {}).items():
             if file not in known:
                 _sealed_bytes(report, folder, manifest.name, file, seal)
+    dead = tombstones.dead(folder, report.rows)
     for run in entries(folder / "runs"):
+        if run.name in dead:
+            continue
         goes_on = run.name in report.manifests and report.manifests[run.name].files is None
         for path in layout.run_files(folder, run.name) if goes_on else ():
             _open_table(report, folder, path)

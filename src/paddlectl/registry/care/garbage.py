@@ -8,10 +8,12 @@ from pathlib import Path
 from sqlalchemy import Connection, select
 
 from paddlectl.errors import IntegrityError
+from paddlectl.registry.care import tombstones
 from paddlectl.registry.care.check import check
 from paddlectl.registry.care.files import Rows
 from paddlectl.registry.care.findings import Report, entries, inside
 from paddlectl.registry.files import checkpoints, layout, manifests
+from paddlectl.registry.files.faults import disk_faults
 from paddlectl.registry.files.runfiles import kept_still
 from paddlectl.registry.index.index import Index
 from paddlectl.registry.schema import ROW_TABLES, policies
@@ -38,8 +40,10 @@ def collect(location: str | Path, *, grace: float = GRACE, dry: bool = False) ->
             f"{index.shown} has faults, so nothing was removed: {report.faults[0].what}",
             "run: paddlectl registry check, then paddlectl registry repair",
         )
-    unneeded = dict.fromkeys(_unneeded(report, folder))
-    removed = []
+    with disk_faults(index.shown):
+        removed = tombstones.finish(index, dry=dry)
+    told = {name for name, _ in removed}
+    unneeded = [path for path in dict.fromkeys(_unneeded(report, folder)) if inside(folder, path) not in told]
     with index.writing() as connection:
         needed = _needed(connection)
         for path in unneeded:
@@ -65,7 +69,7 @@ def _needed(connection: Connection) -> set[str]:
 
 def _unneeded(report: Report, folder: Path) -> Iterator[Path]:
     for finding in report.findings:
-        if finding.kind == "leftover":
+        if finding.kind == "leftover" and not finding.where.startswith(tombstones.FOLDER):
             yield from _of_leftover(folder, finding.where)
     for run in entries(folder / "runs"):
         for path in entries(run / "checkpoints"):

@@ -12,6 +12,7 @@ from typing import Any
 from sqlalchemy import Connection, delete, insert, update
 
 from paddlectl.errors import IntegrityError
+from paddlectl.registry.care import tombstones
 from paddlectl.registry.care.check import check
 from paddlectl.registry.care.findings import Finding, Report
 from paddlectl.registry.files import layout, manifests
@@ -69,6 +70,7 @@ def repair(location: str | Path, *, drop_lost: bool = False) -> Repaired:
             f"restore {index.database.file} from a copy",
         )
     if not report.faults and not kinds & {"stopped run", "other labels"}:
+        _end_deletions(index, told)
         return told
     rows, before = _desired(report, told), report.rows
     if told.lost and not drop_lost:
@@ -86,8 +88,14 @@ def repair(location: str | Path, *, drop_lost: bool = False) -> Repaired:
             _move_aside(report, rows, index.folder, told)
             changed = _enter(index, connection, before, rows)
             _seal(index.folder, connection, rows, changed, report, told)
+        _end_deletions(index, told)
     told.left = check(location, read_data=True).faults
     return told
+
+
+def _end_deletions(index: Index, told: Repaired) -> None:
+    with faults(index.shown):
+        told.done += [f"{path}: removed; a deletion was stopped" for path, _ in tombstones.finish(index)]
 
 
 def _desired(report: Report, told: Repaired) -> Rows:

@@ -2,12 +2,13 @@
 
 import os
 import pwd
-import shlex
 import stat
 import uuid
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
+
+from paddlectl.registry.names import quoted
 
 
 class Refusal(NamedTuple):
@@ -100,7 +101,7 @@ def _refusal(place: Path, found: os.stat_result, lacking: list[str]) -> Refusal:
         owner = pwd.getpwuid(found.st_uid).pw_name
     except KeyError:
         owner = f"user {found.st_uid}"
-    name, change = shlex.quote(str(place)), "rwX" if stat.S_ISDIR(found.st_mode) else "rw"
+    name, change = quoted(str(place)), "rwX" if stat.S_ISDIR(found.st_mode) else "rw"
     what = f"no permission to {' or '.join(lacking)} {place}, which belongs to {owner}"
     if found.st_uid == os.geteuid():
         return Refusal(what, f"run: chmod u+{change} {name}")

@@ -4,7 +4,6 @@ The folder's is its file `identity`, which names the index too: `<id> registry.d
 """
 
 import hashlib
-import shlex
 import uuid
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from paddlectl.errors import IntegrityError
 from paddlectl.registry.files import manifests
 from paddlectl.registry.files.objects import object_path, write_atomically
 from paddlectl.registry.index.database import Database
+from paddlectl.registry.names import quoted
 from paddlectl.registry.schema import identity
 
 FILE = "identity"
@@ -46,9 +46,9 @@ def require(index: Database, found: str | None) -> None:
     told, line = _of_folder(index.folder), f"{found} {index.file}"
     if told != line:
         why = f"its file {FILE} says otherwise" if told else f"it has no file {FILE}"
-        path = shlex.quote(str(index.folder / FILE))
+        path = quoted(str(index.folder / FILE))
         raise IntegrityError(
-            _apart(index, why), f"{index.advice}; if it does, run: echo {shlex.quote(line)} > {path}"
+            _apart(index, why), f"{index.advice}; if it does, run: echo {quoted(line)} > {path}"
         )
 
 
@@ -61,7 +61,7 @@ def require_unowned(index: Database) -> None:
     told = _of_folder(index.folder)
     owner = told.partition(" ")[2]
     if told and owner != index.file:
-        path = shlex.quote(str(index.folder / FILE))
+        path = quoted(str(index.folder / FILE))
         raise IntegrityError(
             _apart(index, f"its index is {owner or 'another'}"),
             f"use that one; if it is lost for good, run: rm {path}",

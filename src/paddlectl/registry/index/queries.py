@@ -8,7 +8,7 @@ from sqlalchemy import ColumnElement, Connection, Select, Table, case, func, or_
 
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry.files.documents import from_json
-from paddlectl.registry.names import is_id, nearest, number_of, shown
+from paddlectl.registry.names import LATEST, is_id, nearest, number_of, shown
 from paddlectl.registry.records import DEFINITION, Content, PolicyRecord, RunRecord, StoredProgram, content_of
 from paddlectl.registry.schema import ROW_TABLES, policies, policy_record, run_records, runs, select_runs
 
@@ -33,19 +33,30 @@ def count(connection: Connection, table: Table, *chosen: ColumnElement[bool]) ->
 
 
 def find_run(connection: Connection, name: str) -> RunRecord:
-    """The run of an id, or of a name that a user gave it.
+    """The run of an id, or of a name that a user gave it, or the newest for `latest`.
 
     Raises:
         NotFoundError: If there is none; with the nearest id or name.
     """
     number = number_of(name, "run")
+    if name == LATEST:
+        number = connection.scalar(select(func.max(runs.c.id)))
     own = runs.c.id == number if number else runs.c.name == name
     row = connection.execute(select_runs().where(own)).first() if name.isprintable() else None
     if row is None:
-        named = connection.scalars(select(runs.c.name).where(runs.c.name.is_not(None)).limit(_LISTED))
-        known = [*_like(connection, runs, "run", name), *map(str, named)]
+        known = [*_like(connection, runs, "run", name), *run_names(connection, name)]
         raise NotFoundError(f"no run {shown(name)}", nearest(name, known) + "run: paddlectl runs")
     return run_records([row])[0]
+
+
+def run_names(connection: Connection, like: str) -> list[str]:
+    """What users called runs: the newest, and such as differ from `like` only in the case of letters."""
+    same = runs.c.name.in_([]) if not like.isprintable() else func.lower(runs.c.name) == like.lower()
+    newest = select(runs.c.name).where(runs.c.name.is_not(None)).order_by(runs.c.id.desc()).limit(_LISTED)
+    return [
+        *map(str, connection.scalars(newest)),
+        *map(str, connection.scalars(select(runs.c.name).where(same))),
+    ]
 
 
 def find_policy(connection: Connection, number: int) -> PolicyRecord:
