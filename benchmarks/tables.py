@@ -111,6 +111,15 @@ _CHECK: list[Column] = [
     ("frames to 0.97", figure("to_success/0.97/frames", ",.0f", less_is_better=True)),
     ("seconds", figure("seconds", ".0f", less_is_better=True)),
 ]
+_STOCK: list[Column] = [
+    ("seeds", seeds),
+    ("frames", figure("frames", ",.0f", less_is_better=True)),
+    ("unseen success", figure("unseen_success", ".1%", less_is_better=False)),
+    ("steps", figure("unseen_length", ".0f", less_is_better=True)),
+    ("last 100", figure("final_success", ".0%", less_is_better=False)),
+    ("frames to 0.9", figure("frames_to_success", ",.0f", less_is_better=True)),
+    ("area", figure("area_under_curve", ".2f", less_is_better=False)),
+]
 _ABLATED = [column for column in _MAZE if column[0] not in ("steps", "crisp")]
 
 
@@ -260,6 +269,23 @@ def check_tables(results: Run) -> str:
     return f"{table('check', _CHECK, grouped(runs, lambda run: run['name']))}\n\n{told}"
 
 
+def stock_table(results: Sequence[Run], theirs: Sequence[Run]) -> str:
+    """Markdown: MiniGrid's own targets by transfer and from scratch, and by SB3's PPO."""
+    ours = [{"name": f"{run['scenario']}, `{run['method']}`", **run} for run in results]
+    scenario_of = {run["target"]: run["scenario"] for run in results}
+    lacking = dict.fromkeys(("unseen_success", "unseen_length", "frames_to_success", "area_under_curve"))
+    others = [
+        {
+            "name": f"{scenario_of[run['task']]}, SB3's PPO",
+            **lacking,
+            "final_success": run["latest_success"],
+            **run,
+        }
+        for run in theirs
+    ]
+    return table("target, method", _STOCK, grouped([*ours, *others], lambda run: run["name"]))
+
+
 def _taken_back(run: Run) -> str:
     return f"{run['task']}, {run['name'].removesuffix(run['task']).strip()}"
 
@@ -342,6 +368,7 @@ def main() -> None:
     parser.add_argument("--why", type=Path, default=HERE / "why.json")
     parser.add_argument("--guidance", type=Path, default=HERE.parent / "docs" / "guidance.md")
     parser.add_argument("--page", type=Path, default=HERE.parent / "docs" / "benchmarks.md")
+    parser.add_argument("--environments", type=Path, default=HERE.parent / "docs" / "environments.md")
     parser.add_argument("--readme", type=Path, default=HERE.parent / "README.md")
     parser.add_argument("--methods", type=Path, default=HERE.parent / "docs" / "methods.md")
     options = parser.parse_args()
@@ -352,6 +379,8 @@ def main() -> None:
     options.page.write_text(text)
     readme = _put(options.readme.read_text(), "headline", headline(json.loads(options.results.read_text())))
     options.readme.write_text(readme)
+    stock = [json.loads((HERE / "minigrid" / name).read_text()) for name in ("stock.json", "sb3.json")]
+    options.environments.write_text(_put(options.environments.read_text(), "stock", stock_table(*stock)))
     if options.why.exists():
         why = why_table(json.loads(options.why.read_text())["runs"])
         options.guidance.write_text(_put(options.guidance.read_text(), "why", why))
