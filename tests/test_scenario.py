@@ -244,7 +244,7 @@ NUMBERS = {
     "settings: {num_envs: 0}": "9:12: num_envs is from 1 to 4096, usually 64",
     "settings: {low_level: {learning_rate: -1e-3}}": "9:24: learning_rate is above 0, usually 0.0005",
     "settings: {low_level: {hidden: []}}": "9:24: hidden is a list of 1 to 16 whole numbers, each from 1 to",
-    "settings: {low_level: {hidden: [64, x]}}": "9:24: hidden is usually [400, 400, 400]",
+    "settings: {low_level: {hidden: [64, x]}}": "9:24: hidden is a list of whole numbers, usually [",
     "settings: {low_level: 3}": "9:12: low_level is a mapping of ",
     "settings: {frames: 3}": "9:12: frames is of sources alone",
     "settings: num_envs": "9:11: settings: must be a mapping of keys to values",

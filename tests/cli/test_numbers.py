@@ -74,7 +74,7 @@ WRONG = [
         "",
     ),
     ("train BoxDoor --set clip=1", "no setting clip", "did you mean low_level.clip?"),
-    ("train BoxDoor --set rules.trials=1", "a source is learned by no rules: it reuses nothing", ""),
+    ("train BoxDoor --set rules.trials=1", "only a transfer has rules: a source reuses nothing", ""),
     ("train BoxDoor --set low_level.clip", "--set low_level.clip: not NAME=VALUE", "write low_level."),
     (
         "train BoxDoor GapBall MailMaze --set low_level.clip=1",

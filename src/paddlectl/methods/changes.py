@@ -121,7 +121,7 @@ def unfit(
     rules = None if scenario is None else method.rules_for(task)
     found = [Misfit(("settings", *place), why) for place, why in misfits(settings, changes.settings)]
     if scenario is None and changes.rules:
-        found += [Misfit((RULES,), "a source is learned by no rules: it reuses nothing")]
+        found += [Misfit((RULES,), "only a transfer has rules: a source reuses nothing")]
     found += [Misfit((RULES, *place), why) for place, why in misfits(rules, changes.rules)]
     yield from found
     if found or scenario is None:
@@ -157,7 +157,7 @@ def _misfits(
             inner = _misfits(usual, value, f"{before}{name}.", paths)
             yield from (((name, *place), why) for place, why in inner)
         elif is_dataclass(usual) or not _alike(value, usual):
-            yield (name,), f"{name} is {_usually(usual)}"
+            yield (name,), f"{name} is {_kind(usual)}"
         elif allowed := _refused(value, types[name], before + name):
             yield (name,), f"{name} is {allowed}, {_usually(usual)}"
 
@@ -192,6 +192,17 @@ def _refused(value: Any, kind: Any, name: str) -> str:
 
 
 def _usually(usual: Any) -> str:
+    return f"usually {list(usual) if isinstance(usual, tuple) else usual!r}"
+
+
+def _kind(usual: Any) -> str:
+    """What a setting has to be, by its usual value."""
     if is_dataclass(usual):
         return f"a mapping of {', '.join(each.name for each in fields(usual))}"
-    return f"usually {list(usual) if isinstance(usual, tuple) else usual!r}"
+    words = {
+        bool: "true or false",
+        int: "a whole number",
+        float: "a number",
+        tuple: "a list of whole numbers",
+    }
+    return f"{words.get(type(usual), 'a word')}, {_usually(usual)}"
