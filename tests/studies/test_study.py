@@ -79,7 +79,7 @@ MISTAKES = {
     "methods: [paddle]\nvariants: {v: {rules: {target_floor: no}}}": (
         "4:24: paddle: target_floor is a number, usually 0.05"
     ),
-    "methods: [hdm]\nvariants: {v: {settings: {num_envs: 2.5}}}": "4:27: hdm: num_envs is a whole number, usually",
+    "methods: [hdm]\nvariants: {v: {settings: {num_envs: 2.5}}}": "4:27: hdm: num_envs is a whole number",
     "methods: [hdm]\nvariants: {v: {rules: {trials: 3}}}": "4:24: hdm: no setting trials; it has none",
     "methods: [hdm]\nvariants: {v: {settings: {low_level: 3}}}": "4:27: hdm: low_level is a mapping of ",
     "methods: [cup]\nvariants: {v: {settings: {learner: {rate: 3}}}}": "4:37: cup: no setting rate; there ",
