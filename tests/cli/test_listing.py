@@ -100,9 +100,9 @@ def test_watched_they_are_told_until_an_interrupt(registry: Registry) -> None:
         ("runs --since soon", "soon is no date"),
         ("runs --since 9999999d", "is no date"),
         ("runs --since 999999d", "is no date"),
-        ("runs --task=", "--task is empty"),
+        ("runs --task=", "--task can't be ''"),
         ("runs --watch", "--watch needs a terminal"),
-        ("policies --method=\x1b", "isn't printable"),
+        ("policies --method=\x1b", r"--method can't be '\x1b'"),
     ],
 )
 def test_what_cant_be_meant_is_told(command: Command, line: str, told: str) -> None:

@@ -144,7 +144,7 @@ def test_a_notebooks_shell_names_a_backend_that_isnt_needed(
         ("no/fig4.json", 4, "no file no/fig4.json|run: paddlectl plot --help"),
         ("none.json", 4, "no results in none.json"),
         ("broken.json", 3, "broken.json: not a file of results: "),
-        ("folder.json", 4, "no file folder.json"),
+        ("folder.json", 4, "folder.json is a folder, no study|there are paper/"),
         ("fig4.csv", 2, "fig4.csv is neither a study (.yaml) nor results (.json)|run: paddlectl plot --help"),
         (
             "./fig4",
