@@ -39,7 +39,7 @@ def test_the_command_tells_them_and_where_they_are_alike(tmp_path: Any, command:
     own = command(*top[:3], "--source", "policy-2", "--source", "policy-1", *top[5:], "--json").json
     assert found == own, "they are told as those are that a user names"
     shown = command(*top).out
-    assert len(shown.splitlines()) <= 45
+    assert len(shown.splitlines()) <= 50
     scene = next(line for line in shown.splitlines() if line.startswith(" {has_key(env)} "))
     assert scene.split()[1:] == ["▆", "0.70*", "▆", "0.70*"]
     assert registry.policy("policy-2").task in shown

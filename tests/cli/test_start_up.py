@@ -13,7 +13,7 @@ import pytest
 
 from paddlectl.cli.app import COMMANDS
 from paddlectl.registry.store import Registry
-from samples import ROOT, TARGET, add_source, reuse
+from samples import ROOT, TARGET, add_source, reseal, reuse
 
 HEAVY = {"torch", "gymnasium", "minigrid", "mujoco", "pandas", "matplotlib", "alembic", "pydantic"}
 LOADED = """
@@ -121,6 +121,9 @@ def test_help_of_a_command_loads_nothing_heavy_and_ends_with_an_example(ask: Ask
     ],
 )
 def test_reading_loads_no_torch(ask: Ask, registry: Registry, line: str) -> None:
+    rows = [{"order": n, "started": n, "frames": n + 30, "score": 0.9} for n in range(100)]
+    registry.files.append_rows("run-3", "episodes", rows)  # for compare
+    reseal(registry, "run-3")
     assert not loaded(ask(*line.split(), PADDLECTL_REGISTRY=registry.location)) & HEAVY
 
 
