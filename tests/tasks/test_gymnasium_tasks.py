@@ -73,16 +73,16 @@ class Restless(gymnasium.Env[Any, Any]):
     """A number that nobody can foretell."""
 
     action_space = gymnasium.spaces.Discrete(2)
-    observation_space = gymnasium.spaces.Box(0, 255, (1,), np.uint8)
+    observation_space = gymnasium.spaces.Box(0, 1, (1,), np.float64)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
         super().reset(seed=seed)
         self.value = 0
-        return np.array([0], np.uint8), {}
+        return np.array([0.0]), {}
 
     def step(self, action: Any) -> Any:
-        self.value = os.urandom(1)[0]
-        return np.array([self.value], np.uint8), 0.0, False, False, {}
+        self.value = int.from_bytes(os.urandom(6), "big")
+        return np.array([self.value / 2**48]), 0.0, False, False, {}
 
 
 gymnasium.register("Restless-v0", Restless)
@@ -91,9 +91,9 @@ RESTLESS = GymnasiumTask(
     domain="restless",
     horizon=1000,
     predicates={"is_odd(number)": lambda env: env.value % 2 == 1},
-    subgoals={"gt_odd()": Subgoal(lambda env: env.value % 2 == 1, lambda env: [env.value / 255])},
+    subgoals={"gt_odd()": Subgoal(lambda env: env.value % 2 == 1, lambda env: [env.value / 2**48])},
     success=lambda env: False,
-    flat=lambda env: [env.value / 255],
+    flat=lambda env: [env.value / 2**48],
 )
 
 
