@@ -55,6 +55,42 @@ def test_a_study_is_run_once(command: Command, tmp_path: Path, monkeypatch: pyte
     assert all(len(row.by_frames) == 100 for row in kept)
 
 
+def test_it_goes_on_where_another_machine_left_off(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("paddlectl.experiments.processes.run_jobs", inline.run_jobs)
+    file, results = study(tmp_path, "hdm"), tmp_path / "results.json"
+    assert command("sweep", file, "--results", results, "--jobs", 1).code == 0
+    (there,) = read_results(results)
+    elsewhere = tmp_path / "elsewhere"
+    both = study(tmp_path, "hdm, ppo")
+    answer = command("sweep", both, "--registry", elsewhere, "--results", results, "--dry-run")
+    assert answer.out.startswith("small: 2 cells: 1 from the file of results, 1 missing\nto run: 1 run")
+    assert read_results(results) == [there]
+    answer = command("sweep", both, "--registry", elsewhere, "--results", results, "--json", "--jobs", 1)
+    assert [(cell["method"], cell["state"]) for cell in answer.json["cells"]] == [
+        ("hdm", "kept"),
+        ("ppo", "finished"),
+    ]
+    assert [run.method for run in Registry.open(elsewhere).runs()] == ["ppo"]
+    assert [row.method for row in read_results(results)] == ["hdm", "ppo"]
+    assert read_results(results)[0] == there
+    command("sweep", both, "--seeds", "7", "--results", results, "--dry-run")
+    assert len(read_results(results)) == 2, "what wasn't asked for stays"
+    command("sweep", both, "--frames", "1024", "--results", results, "--dry-run")
+    assert read_results(results) == [], "what other numbers gave is nothing of it"
+
+
+def test_a_file_of_results_that_is_none_is_told_before_anything_runs(
+    command: Command, failing: list[str], tmp_path: Path
+) -> None:
+    results = tmp_path / "results.json"
+    results.write_text("[{}]")
+    answer = command("sweep", study(tmp_path), "--results", results)
+    assert answer.code == 3 and "not a file of results" in answer.err and failing == []
+    assert results.read_text() == "[{}]"
+
+
 def test_a_shipped_study_is_told_by_its_name(command: Command) -> None:
     answer = command("sweep", "paper/fig6a", "--dry-run", "--seeds", "0")
     assert answer.code == 0 and answer.out.startswith("fig6a: 4 cells: 4 missing\n")

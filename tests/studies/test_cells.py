@@ -46,6 +46,20 @@ def run_steps(registry: Registry, made: list[Cell]) -> list[str]:
     return [entered(registry, step.job) for step in steps]
 
 
+def test_what_a_file_of_results_has_needs_neither_a_run_nor_sources(
+    registry: Registry, tmp_path: Path
+) -> None:
+    made = cells(tmp_path, "methods: [paddle, hdm]\nseeds: 0")
+    kept = {cell.identity for cell in made if cell.scenario.name == "A"}
+    found = plan(registry, made, kept)
+    assert [each.state for _, each in found.cells] == ["kept", "kept", "waiting", "kept"]
+    assert names(found) == ["BlockedDoor hdm seed 0", "BoxDoor hdm seed 0"]
+    assert {source.name for source in found.sources} == set(names(found))
+    run_steps(registry, [made[1]])
+    now = plan(registry, made, kept).cells
+    assert [each.state for _, each in now] == ["kept", "finished", "waiting", "finished"]
+
+
 def test_all_of_one_seed_come_together_and_variants_are_for_their_methods(tmp_path: Path) -> None:
     variants = "variants: {usual: {}, other: {methods: [paddle], rules: {target_floor: 0.0}}}"
     made = cells(tmp_path, f"methods: [paddle, hdm]\nseeds: 0-1\n{variants}")

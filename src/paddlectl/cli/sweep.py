@@ -29,11 +29,12 @@ from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
 from paddlectl.registry.names import quoted, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping, Sequence, Set
 
     from paddlectl.experiments.jobs import Failure
     from paddlectl.registry.store import Registry
     from paddlectl.studies.cells import Cell
+    from paddlectl.studies.results import Result
     from paddlectl.studies.sweep import Plan
 
 EXAMPLE = "Example: paddlectl sweep paper/fig4 --dry-run"
@@ -58,7 +59,8 @@ ResultsFile = Annotated[
         "--results",
         parser=file_at,
         metavar="FILE.json",
-        help="Write the finished cells there, for compare and plot without the registry.",
+        help="Keep the finished cells there, for compare and plot without the registry; cells that it has "
+        "already, from whatever machine, aren't run again.",
         show_default=False,
     ),
 ]
@@ -101,23 +103,28 @@ def sweep(
         from paddlectl.cli.running import require_none
         from paddlectl.registry.store import Registry
         from paddlectl.studies.cells import cells_of
-        from paddlectl.studies.results import write_results
+        from paddlectl.studies.results import read_results, write_results
         from paddlectl.studies.study import load_study
-        from paddlectl.studies.sweep import finished, plan, results_of
+        from paddlectl.studies.sweep import brought_up_to_date, plan
 
         _require_cluster(on, jobs, checkpoint_every)
         loaded = load_study(shipped.study(file))
+        before: Sequence[Result] = ()
         if results is not None:
             _require_writable(results)
+            before = read_results(results) if results.exists() else ()
+        kept = {result.cell for result in before}
         cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
         line = _line(file, seeds, frames)
         failed: Mapping[str, Failure] = {}
         opened = _opened(registry) if dry_run else Registry.open(registry)
-        if opened and not dry_run:
-            failed = _run_missing(opened, cells, line, fail_fast, jobs, checkpoint_every, on)
-        now = plan(opened, cells)
-        if results is not None:
-            write_results(results, results_of(opened, finished(opened, cells)) if opened else ())
+        try:
+            if opened and not dry_run:
+                failed = _run_missing(opened, cells, kept, line, fail_fast, jobs, checkpoint_every, on)
+        finally:
+            if results is not None:
+                write_results(results, brought_up_to_date(opened, cells, before))
+        now = plan(opened, cells, kept)
         left = _estimate(now, registry, jobs) if dry_run else ""
     if as_json:
         print_json(document(loaded.study.name, now, failed))
@@ -174,6 +181,7 @@ def _opened(registry: str) -> "Registry | None":
 def _run_missing(
     registry: "Registry",
     cells: "Sequence[Cell]",
+    kept: "Set[str]",
     line: str,
     fail_fast: bool,
     jobs: int | None,
@@ -193,7 +201,7 @@ def _run_missing(
     try:
         with registry.files.sweeping():
             while True:
-                now = plan(registry, cells)
+                now = plan(registry, cells, kept)
                 if on:  # what was stopped here can't go on there
                     tried |= {run.id for run in now.stopped}
                 if steps := now.steps(tried):
@@ -236,7 +244,12 @@ def _estimate(now: "Plan", registry: str, jobs: int | None) -> str:
 
 def _counts(now: "Plan") -> str:
     """`324 cells: 300 finished, 24 missing`."""
-    states = {"finished": "finished", "stopped": "stopped", "running": "running elsewhere"}
+    states = {
+        "finished": "finished",
+        "stopped": "stopped",
+        "running": "running elsewhere",
+        "kept": "from the file of results",
+    }
     counts = {told: now.count(state) for state, told in states.items()}
     counts["missing"] = len(now.cells) - sum(counts.values())
     told = ", ".join(f"{count} {state}" for state, count in counts.items() if count)

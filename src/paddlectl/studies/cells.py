@@ -6,6 +6,7 @@ or a user by hand, have run already; and a cell is run again if a number of its 
 """
 
 import dataclasses
+import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -84,7 +85,8 @@ class Cell:
     @cached_property
     def identity(self) -> str:
         """The same for cells that one run serves: without sources all scenarios of a target are one."""
-        return _key_of_job(self.job(tuple(source.name for source in self.sources)))
+        told = _key_of_job(self.job(tuple(map(_key_of_source, self.sources))))
+        return hashlib.sha256(told.encode()).hexdigest()[:16]
 
     def job(self, sources: tuple[str, ...]) -> TransferJob:
         """What runs it, with the ids of its sources."""
@@ -97,8 +99,8 @@ class Found(NamedTuple):
     """How far the registry is with a cell or source.
 
     Attributes:
-        state: `finished`, `stopped` (also failed), `running` in some process, `missing`, or `waiting` for
-            sources.
+        state: `finished`, `stopped` (also failed), `running` in some process, `missing`, `waiting` for
+            sources, or `kept`: not here, but in a file of results.
         run: The run, if there is one.
     """
 
@@ -108,6 +110,7 @@ class Found(NamedTuple):
 
 MISSING = Found("missing")
 WAITING = Found("waiting")
+KEPT = Found("kept")
 
 
 class Runs:
@@ -233,6 +236,7 @@ def _defaults(method: str, task: AnyTask) -> tuple[Any, Any]:
     return with_defaults(made.settings_from(loaded, {})), rules and with_defaults(rules)
 
 
+@cache
 def _key_of_source(source: Source) -> str:
     method = MADE_AS.get(source.method, source.method)
     made = TrainJob(source.task, source.seed, source.frames, method=method)

@@ -86,7 +86,10 @@ class Grouped:
 
     def together(self, labels: Sequence[str], places: Sequence[str]) -> list[int]:
         """A number for each place, the same for those that share runs."""
-        runs = [{r.run for label in labels for r in self.cell(place, label).values()} for place in places]
+        runs = [
+            {r.cell or r.run for label in labels for r in self.cell(place, label).values()}
+            for place in places
+        ]
         return [next(first for first, those in enumerate(runs) if those & its) for its in runs]
 
 

@@ -30,7 +30,7 @@ class Result:
 
     Attributes:
         variant: What was changed against the scenario; empty if nothing was.
-        run: `run-42`.
+        run: `run-42`, in the registry that it was run in.
         code: The version of paddlectl that ran it, with its commit if it was a checkout.
         source_frames: Environment steps that its sources were trained with; they count for no method. None if
             one of them is in another registry.
@@ -40,6 +40,7 @@ class Result:
         unseen_length: Mean length of those episodes.
         by_frames: Mean score of the latest 100 episodes, at 100 moments evenly spread from frame 0. [100]
         by_episodes: The same after every 50 episodes.
+        cell: The `Cell.identity` of what it is in a study; empty if it was run in none.
     """
 
     scenario: str
@@ -62,6 +63,7 @@ class Result:
     unseen_length: float
     by_frames: tuple[float, ...]
     by_episodes: tuple[float, ...]
+    cell: str = ""
 
     @property
     def has_figures(self) -> bool:
@@ -69,7 +71,9 @@ class Result:
         return self.area_under_curve is not None
 
 
-def result_of(registry: Registry, record: RunRecord, scenario: str = "", variant: str = "") -> Result:
+def result_of(
+    registry: Registry, record: RunRecord, scenario: str = "", variant: str = "", cell: str = ""
+) -> Result:
     """The figures of a finished run; of the scenario that it ran, unless another shares it."""
     curve = LearningCurve(ended_episodes(registry, record.id, whole=True), record.frames)
     policy = registry.policy(record.policy or "")
@@ -91,6 +95,7 @@ def result_of(registry: Registry, record: RunRecord, scenario: str = "", variant
         unseen_length=policy.mean_length,
         by_frames=tuple(round(score, DIGITS) for score in curve.by_frames()),
         by_episodes=tuple(round(score, DIGITS) for score in curve.by_episodes(EPISODES)),
+        cell=cell,
     )
 
 
@@ -119,6 +124,7 @@ def read_results(path: Path) -> list[Result]:
 
 
 def _result(row: dict[str, Any]) -> Result:
+    row = {"cell": "", **row}
     if wrong := sorted(row.keys() ^ _FIELDS):
         raise ValueError(f"a row lacks or adds {', '.join(wrong)}")
     for name, value in row.items():

@@ -1,13 +1,14 @@
 """What a study still lacks, and what is to be run for it."""
 
 from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from paddlectl.experiments.jobs import Job, ResumeJob, TrainJob
 from paddlectl.experiments.runner import budget_of
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
-from paddlectl.studies.cells import MISSING, RANDOM, WAITING, Cell, Found, Runs, Source, policies_of
+from paddlectl.studies.cells import KEPT, MISSING, RANDOM, WAITING, Cell, Found, Runs, Source, policies_of
 from paddlectl.studies.results import Result, result_of
 
 
@@ -38,7 +39,7 @@ class Plan(NamedTuple):
 
     Attributes:
         cells: Each with its run, if there is one.
-        sources: Those that cells reuse, likewise.
+        sources: Those that cells reuse which aren't kept, likewise.
     """
 
     cells: Sequence[tuple[Cell, Found]]
@@ -100,21 +101,30 @@ class Plan(NamedTuple):
         """One for all cells that are served by one run; it has the name of the first."""
         steps: dict[str, Step | None] = {}
         for cell, found in cells:
-            if cell.identity not in steps:
+            if cell.identity not in steps and found != KEPT:
                 sources = [self.sources[source] for source in cell.sources]
                 steps[cell.identity] = _untried(_of_cell(cell, found, sources), tried)
         return [step for step in steps.values() if step]
 
 
-def plan(registry: Registry | None, cells: Sequence[Cell]) -> Plan:
-    """How far the registry is with the cells; nothing is done where there is none."""
+def plan(registry: Registry | None, cells: Sequence[Cell], kept: Container[str] = ()) -> Plan:
+    """How far the registry is with the cells; nothing is done where there is none.
+
+    Args:
+        registry: Where their runs are.
+        cells: Of a study.
+        kept: The identities of those that a file of results has, wherever they were run.
+    """
     runs = Runs(registry)
-    sources = {source: runs.source(source) for cell in cells for source in cell.sources}
+    learned = {source: runs.source(source) for cell in cells for source in cell.sources}
     known: dict[str, Found] = {}
     for cell in cells:
         if cell.identity not in known:
-            known[cell.identity] = runs.cell(cell, [sources[source] for source in cell.sources])
-    return Plan([(cell, known[cell.identity]) for cell in cells], sources)
+            found = runs.cell(cell, [learned[source] for source in cell.sources])
+            known[cell.identity] = KEPT if cell.identity in kept and found.state != "finished" else found
+    found_cells = [(cell, known[cell.identity]) for cell in cells]
+    needed = {source for cell, found in found_cells if found != KEPT for source in cell.sources}
+    return Plan(found_cells, {source: found for source, found in learned.items() if source in needed})
 
 
 def finished(registry: Registry, cells: Sequence[Cell]) -> list[tuple[Cell, RunRecord]]:
@@ -125,7 +135,26 @@ def finished(registry: Registry, cells: Sequence[Cell]) -> list[tuple[Cell, RunR
 
 def results_of(registry: Registry, runs: Iterable[tuple[Cell, RunRecord]]) -> list[Result]:
     """The results of finished cells."""
-    return [result_of(registry, run, cell.scenario.name, cell.variant) for cell, run in runs]
+    return [result_of(registry, run, cell.scenario.name, cell.variant, cell.identity) for cell, run in runs]
+
+
+def brought_up_to_date(
+    registry: Registry | None, cells: Sequence[Cell], before: Sequence[Result]
+) -> list[Result]:
+    """The results of cells by the registry, and where it hasn't them by those from `before`.
+
+    Results of `before` that are of none of the cells' places stay, after these.
+    """
+    here = results_of(registry, finished(registry, cells)) if registry else []
+    known = {result.cell: result for result in before} | {result.cell: result for result in here}
+    results = [
+        replace(known[cell.identity], scenario=cell.scenario.name, variant=cell.variant)
+        for cell in cells
+        if cell.identity in known
+    ]
+    asked = {(cell.scenario.name, cell.method, cell.variant, cell.seed) for cell in cells}
+    others = [r for r in before if (r.scenario, r.method, r.variant, r.seed) not in asked]
+    return results + others
 
 
 def _untried(ways: Sequence[Step], tried: Container[str]) -> Step | None:
@@ -149,7 +178,7 @@ def _ways(found: Found, anew: Step) -> list[Step]:
     match found:
         case Found("stopped", RunRecord() as run):
             return [anew._replace(job=ResumeJob(run.id), frames=_left(run)), anew]
-        case Found("finished" | "running"):
+        case Found("finished" | "running" | "kept"):
             return []
     return [anew]
 
