@@ -341,3 +341,17 @@ def test_what_is_quoted_can_be_pasted(name: str) -> None:
     assert quoted(name).isprintable()
     done = subprocess.run(["bash", "-c", f"printf %s {quoted(name)}"], capture_output=True, check=True)
     assert done.stdout == os.fsencode(name)
+
+
+def test_an_imported_run_is_labelled_as_it_comes(
+    command: Command, registry: Registry, tmp_path: Path
+) -> None:
+    command("label", "run-1", "--name", "mine", "--tag", "old")
+    assert command("registry", "export", "mine", tmp_path / "a.zip").code == 0
+    elsewhere = ("--registry", tmp_path / "elsewhere")
+    refused = command("registry", "import", tmp_path / "a.zip", "--name", "latest", *elsewhere)
+    assert refused.code == 2 and not (tmp_path / "elsewhere").exists()
+    given = ("--name", "theirs", "--tag", "a", "--tag", "b")
+    assert command("registry", "import", tmp_path / "a.zip", *given, *elsewhere).code == 0
+    (run,) = command("runs", "--json", *elsewhere).json["runs"]
+    assert (run["name"], run["tags"]) == ("theirs", ["a", "b"])

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from paddlectl.cli.options import AsJson, RegistryPlace, complete_held, file_at
+from paddlectl.cli.options import AsJson, RegistryPlace, RunName, Tags, complete_held, file_at
 from paddlectl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -195,15 +195,25 @@ def import_(
         Path,
         typer.Argument(parser=file_at, metavar="FILE", help="What export wrote.", show_default=False),
     ],
+    name: RunName = None,
+    tag: Tags = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
-    """Take in what `export` wrote, wholly or not at all; anything else is refused with exit 5."""
+    """Take in what `export` wrote, wholly or not at all; anything else is refused with exit 5.
+
+    Names and tags stay where they were given; --name and --tag give new ones.
+    """
+    from paddlectl.cli.named import UNLABELLED, labels_of
     from paddlectl.registry.bundles import bundles
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import clean, print_json, print_text
 
+    labels = labels_of(name, tag, (), registry)
     told = bundles.import_(lambda: Registry.open(registry), file)
+    if labels != UNLABELLED:
+        with Registry.open(registry) as opened:
+            opened.label_runs([told["run"]], name=labels.name, tags=labels.tags)
     if as_json:
         print_json(told)
     else:
