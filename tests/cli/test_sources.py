@@ -135,7 +135,7 @@ def test_an_empty_method_is_none(registry: Registry, transfer: Command, asked: l
 
 WRONG = [
     ("[policy-77, OpenGoal]", 4, "no policy policy-77", "run: paddlectl policies"),
-    ("[policy-4, OpenGoal]", 2, "policy-4 was learned by paddle; paddle reuses what hdm", "name policy-2"),
+    ("[policy-4, OpenGoal]", 2, "policy-4 was learned by hdqn; paddle reuses what hdm", "name policy-2"),
     ("[policy-5, OpenGoal]", 2, "policy-5 solves MailMaze of maze2d; ", "run: paddlectl policies"),
     ("[policy-1, BlockedDoor, OpenGoal]", 2, "policy-1 is the best policy for BlockedDoor", "name policy-1"),
 ]
@@ -145,7 +145,7 @@ WRONG = [
 def test_a_named_policy_that_cant_serve_is_refused_before_anything_is_trained(
     registry: Registry, transfer: Command, asked: list[Job], sources: str, code: int, told: str, hint: str
 ) -> None:
-    add_source(registry, "GapBall", PROGRAM, method="paddle")
+    add_source(registry, "GapBall", PROGRAM, method="hdqn")
     add_source(registry, "MailMaze", PROGRAM, domain="maze2d")
     answer = transfer(sources, "--train-missing")
     assert (answer.code, answer.out, asked) == (code, "", [])

@@ -68,11 +68,25 @@ def test_of_a_task_the_best_of_the_method_that_teaches(
     hdm = learned("GapBall", success=0.5)
     learned("GapBall", success=0.4)
     flat = learned("GapBall", "ppo", success=0.3)
-    for other in ("random", "paddle", "td3", "hdqn", "finetune"):
+    for other in ("random", "td3", "hdqn"):
         learned("GapBall", other, success=1.0)
     for method, best in (("paddle", hdm), ("finetune", hdm), (PUPIL, flat)):
         found = resolve(registry, scenario("GapBall"), method, (3, 1))
         assert found.required() == {3: (best,), 1: (best,)}
+
+
+@pytest.mark.parametrize("method", ["paddle", "finetune"])
+def test_what_a_transfer_learned_is_a_source_for_the_next(
+    registry: Registry, learned: Callable[..., str], method: str
+) -> None:
+    alone, flat = learned("GapBall", success=0.5), learned("GapBall", "ppo", success=0.3)
+    kept = learned("GapBall", method, success=0.9)
+    asked = scenario("GapBall")
+    assert resolve(registry, asked, "paddle", (0,)).required() == {0: (kept,)}
+    assert resolve(registry, asked, PUPIL, (0,)).required() == {0: (flat,)}
+    assert resolve(registry, scenario(kept), "paddle", (0,)).required() == {0: (kept,)}
+    paired_ids = resolve(registry, paired("GapBall"), "paddle", (0,)).required()
+    assert paired_ids == {0: (alone,)}, "seeds are paired with what was learned from nothing"
 
 
 def test_the_teacher_is_that_of_the_targets_actions(registry: Registry, learned: Callable[..., str]) -> None:
@@ -137,7 +151,7 @@ NAMED = [
     ("Unheard", "minigrid", "hdm", "solves Unheard, which is no task here", "run: paddlectl policies"),
     ("GapBall", "minigrid", "ppo", "was learned by ppo; paddle reuses what hdm learned", "name GapBall ins"),
     ("GapBall", "minigrid", "random", "was learned by random; paddle reuses", "run: paddlectl train GapBall"),
-    ("GapBall", "minigrid", "paddle", "was learned by paddle; paddle reuses what hdm learned", "GapBall"),
+    ("GapBall", "minigrid", "hdqn", "was learned by hdqn; paddle reuses what hdm learned", "GapBall"),
     ("OpenGoal", "minigrid", "ppo", "was learned by ppo; paddle reuses", "name policy-2 instead"),
 ]
 

@@ -65,7 +65,7 @@ def policy_names(registry: str | None) -> list[tuple[str, str]]:
 @_quiet
 def source_names(registry: str | None, target: str | None) -> list[tuple[str, str]]:
     """Those that Ψ of the target can be shown from: of its domain, with clauses."""
-    from paddlectl.methods.catalogue import entry_of
+    from paddlectl.methods.catalogue import entry_of, stands_for
     from paddlectl.tasks.naming import given
     from paddlectl.tasks.suite import load, usable
 
@@ -74,8 +74,8 @@ def source_names(registry: str | None, target: str | None) -> list[tuple[str, st
         domain = load(given(target)).domain
         elsewhere = {task.name for task in usable() if task.domain != domain}
         policies = [policy for policy in policies if policy.task not in elsewhere]
-    teaches = entry_of("paddle").teaches
-    return _best([policy for policy in policies if policy.method in teaches]) + _pairs(policies)
+    fitting = [policy for policy in policies if stands_for(policy.method) in entry_of("paddle").teaches]
+    return _best(fitting) + _pairs(policies)
 
 
 @_quiet

@@ -119,11 +119,11 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
         NotFoundError: If a policy, or any policy of the domain, isn't there.
         UsageError: If a policy is of another domain, or has no clauses.
     """
-    from paddlectl.methods.catalogue import teacher_of
+    from paddlectl.methods.catalogue import teachers_of
 
-    teaches = teacher_of("paddle", target)
-    found = [_named(registry, name, teaches) for name in names]
-    found = found or _best_of_domain(registry, target, teaches)
+    teachers = teachers_of("paddle", target)
+    found = [_named(registry, name, teachers) for name in names]
+    found = found or _best_of_domain(registry, target, teachers)
     _require_any(found, registry, target)
     for policy in found:
         if policy.domain != target.domain:
@@ -134,7 +134,7 @@ def sources_for(registry: "Registry", target: "Task", names: "Sequence[str]") ->
         if policy.program is None:
             raise UsageError(
                 f"{policy.id} was learned by {policy.method}, which has no clauses to compare",
-                _way_to_clauses(registry, policy, teaches),
+                _way_to_clauses(registry, policy, teachers),
             )
     return list({policy.id: policy for policy in found}.values())
 
@@ -147,22 +147,22 @@ def _require_any(found: "Sequence[PolicyRecord]", registry: "Registry", target: 
         )
 
 
-def _named(registry: "Registry", name: str, teaches: str | None) -> "PolicyRecord":
-    """The policy of an id; of a task the best of the method that teaches, else with clauses, else any."""
+def _named(registry: "Registry", name: str, teachers: tuple[str, ...]) -> "PolicyRecord":
+    """The policy of an id; of a task the best of a method that teaches, else with clauses, else any."""
     from paddlectl.cli.named import policy_named
 
     policy = policy_named(registry, name)
     if name != policy.id:
         with suppress(NotFoundError):
-            return registry.policy(policy.content, teaches, clauses=True)
+            return registry.policy(policy.content, teachers, clauses=True)
         with suppress(NotFoundError):
             return registry.policy(policy.content, clauses=True)
     return policy
 
 
-def _way_to_clauses(registry: "Registry", policy: "PolicyRecord", teaches: str | None) -> str:
+def _way_to_clauses(registry: "Registry", policy: "PolicyRecord", teachers: tuple[str, ...]) -> str:
     with suppress(NotFoundError):
-        return f"name {registry.policy(policy.content, teaches).id} instead"
+        return f"name {registry.policy(policy.content, teachers).id} instead"
     if policy.content.definition is not None:
         return f"train the file of {policy.task} with --method hdm, and name that instead"
     return f"name {policy.task} instead, and run: paddlectl train {policy.task}"
@@ -176,11 +176,11 @@ def _way_to_another(target: "Task") -> str:
     return f"run: paddlectl train {others[0]}" if others else f"{target.name} is the only one of its domain"
 
 
-def _best_of_domain(registry: "Registry", target: "Task", teaches: str | None) -> "list[PolicyRecord]":
+def _best_of_domain(registry: "Registry", target: "Task", teachers: tuple[str, ...]) -> "list[PolicyRecord]":
     from paddlectl.registry.records import Content
 
     own = Content(target.name, target.definition).identity
-    best = registry.best_of_each(target.domain, teaches)
+    best = registry.best_of_each(target.domain, teachers)
     return [registry.policy(policy) for content, policy in best if content.identity != own]
 
 

@@ -12,7 +12,7 @@ from paddlectl.errors import IntegrityError, InvalidFileError, NotFoundError
 from paddlectl.logic.clauses import Program, Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.logic.templates import all_clauses
-from paddlectl.methods.catalogue import teacher_of
+from paddlectl.methods.catalogue import teachers_of
 from paddlectl.registry.records import Content, PolicyRecord, StoredProgram
 from paddlectl.registry.store import Registry
 from paddlectl.tasks.base import Task
@@ -121,7 +121,7 @@ def nearest_of_all(
     read: list[StoredProgram] = []
 
     def others() -> Iterator[str]:
-        for each in registry.programs(target.domain, teacher_of("paddle", target) or ""):
+        for each in registry.programs(target.domain, teachers_of("paddle", target)):
             if each.task.name != own.name or each.task.identity != own.identity:
                 read.append(each._replace(program=""))  # the text is most of it
                 yield each.program
@@ -151,4 +151,4 @@ def with_clauses(registry: Registry, target: Task, task: Content) -> PolicyRecor
     Raises:
         NotFoundError: If there is none.
     """
-    return registry.policy(task, teacher_of("paddle", target), clauses=True)
+    return registry.policy(task, teachers_of("paddle", target), clauses=True)

@@ -10,7 +10,7 @@ from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.experiments.jobs import TrainJob
 from paddlectl.experiments.policies import task_of
 from paddlectl.experiments.similar import Similar, most_similar
-from paddlectl.methods.catalogue import teacher_of
+from paddlectl.methods.catalogue import teacher_of, teachers_of
 from paddlectl.registry.names import is_id
 from paddlectl.registry.records import Content, PolicyRecord
 from paddlectl.registry.store import Registry
@@ -80,9 +80,10 @@ class Sources(NamedTuple):
 
 
 def resolve(registry: Registry, scenario: Scenario, method: str, seeds: Sequence[int]) -> Sources:
-    """The policies that a scenario's transfers by a method reuse, each learned by the method that teaches it.
+    """The policies that a scenario's transfers by a method reuse, each learned by a method that teaches it.
 
-    A paired seed reuses the newest policy of each task that was learned with that seed, by usual numbers.
+    What a transfer has learned is among them. A paired seed reuses the newest policy of each task that was
+    learned with that seed, by usual numbers, from nothing.
 
     Raises:
         NotFoundError: If there is no policy of an id that the scenario names, or there are too few to choose.
@@ -90,19 +91,19 @@ def resolve(registry: Registry, scenario: Scenario, method: str, seeds: Sequence
             such method, or it can't learn the target.
     """
     target = load(scenario.target)
-    teaches = teacher_of(method, target)
+    teaches, teachers = teacher_of(method, target), teachers_of(method, target)
     if teaches is None:
         return Sources(dict.fromkeys(seeds, ()), (), scenario.paired)
     if scenario.chosen:
-        return _chosen(registry, scenario, target, teaches, seeds)
+        return _chosen(registry, scenario, target, teachers, seeds)
     if scenario.paired:
         known = {task: _by_seed(registry, content(task), teaches) for task in scenario.source_names}
         return _sources(scenario, teaches, seeds, known)
     ids: dict[AnyTask, str] = {}
     for name in scenario.source_names:
         if isinstance(name, str) and is_id(name):
-            ids[name] = _named(registry, name, scenario, method, teaches).id
-        elif best := _best(registry, content(name), teaches):
+            ids[name] = _named(registry, name, scenario, method, teachers).id
+        elif best := _best(registry, content(name), teachers):
             ids[name] = best.id
     _require_distinct(ids)
     known = {
@@ -132,9 +133,9 @@ def _sources(
     return Sources(ids, missing, scenario.paired)
 
 
-def _best(registry: Registry, task: Content, teaches: str) -> PolicyRecord | None:
+def _best(registry: Registry, task: Content, teachers: tuple[str, ...]) -> PolicyRecord | None:
     with suppress(NotFoundError):
-        return registry.policy(task, teaches)
+        return registry.policy(task, teachers)
     return None
 
 
@@ -148,14 +149,14 @@ def _by_seed(registry: Registry, task: Content, teaches: str) -> dict[int, str]:
 
 
 def _chosen(
-    registry: Registry, scenario: Scenario, target: Task, teaches: str, seeds: Sequence[int]
+    registry: Registry, scenario: Scenario, target: Task, teachers: tuple[str, ...], seeds: Sequence[int]
 ) -> Sources:
     """The most similar policies of other tasks, as many as the scenario asks for.
 
     Raises:
         NotFoundError: If there are fewer; with the commands that learn more.
     """
-    best = _solved_beside(registry, target, teaches)
+    best, teaches = _solved_beside(registry, target, teachers), teachers[0]
     if scenario.paired:
         by_task = {task: _by_seed(registry, content, teaches) for task, (content, _) in best.items()}
         there = {seed: {t: ids[seed] for t, ids in by_task.items() if seed in ids} for seed in seeds}
@@ -179,12 +180,16 @@ def _chosen(
     return Sources(ids, (), scenario.paired, why)
 
 
-def _solved_beside(registry: Registry, target: Task, teaches: str) -> dict[str, tuple[Content, str]]:
+def _solved_beside(
+    registry: Registry, target: Task, teachers: tuple[str, ...]
+) -> dict[str, tuple[Content, str]]:
     """The other tasks of a target's domain that have policies, and the id of the best one.
 
     By their names; those that files defined come last, by their identity.
     """
-    solved = {each.identity: (each, policy) for each, policy in registry.best_of_each(target.domain, teaches)}
+    solved = {
+        each.identity: (each, policy) for each, policy in registry.best_of_each(target.domain, teachers)
+    }
     known = {task: solved.pop(Content(task).identity, None) for task in _others(target)}
     own = Content(target.name, target.definition).identity
     defined = {key: its for key, its in solved.items() if its[0].definition is not None and key != own}
@@ -203,7 +208,7 @@ def _way_to_more(
     if len(others) < scenario.chosen:
         return f"write auto: {len(others)} at most: {target.domain} has no more tasks beside {target.name}"
     by_clauses = teacher_of("paddle", target)
-    compared = set(registry.solved(target.domain, by_clauses))
+    compared = set(registry.solved(target.domain, teachers_of("paddle", target)))
     programs: dict[str, TrainJob] = {}
     jobs: list[TrainJob] = []
     for seed, there in lacking.items():
@@ -221,7 +226,9 @@ def _others(target: Task) -> list[str]:
     return [task.name for task in usable() if task.domain == target.domain and task.name != target.name]
 
 
-def _named(registry: Registry, name: str, scenario: Scenario, method: str, teaches: str) -> PolicyRecord:
+def _named(
+    registry: Registry, name: str, scenario: Scenario, method: str, teachers: tuple[str, ...]
+) -> PolicyRecord:
     """The policy of an id, if the method can reuse it on the target."""
     policy, target = registry.policy(name), load(scenario.target)
     if policy.content.definition is None and not known(policy.task):
@@ -231,9 +238,10 @@ def _named(registry: Registry, name: str, scenario: Scenario, method: str, teach
             f"{name} solves {policy.task} of {policy.domain}; {target.name} is of {target.domain}",
             "run: paddlectl policies",
         )
-    if policy.method != teaches:
+    if policy.method not in teachers:
+        teaches = teachers[0]
         by = f"{name} was learned by {policy.method}; {method} reuses what {teaches} learned"
-        best, task = _best(registry, policy.content, teaches), task_of(policy)
+        best, task = _best(registry, policy.content, teachers), task_of(policy)
         for other in (task, *([best.id] if best else [])):
             if other in scenario.source_names:
                 raise UsageError(by, f"leave out {name}, as {other} stands beside it")

@@ -27,6 +27,7 @@ class Entry(NamedTuple):
         summary: One line for a reader.
         teaches: The methods whose policies it reuses, those of the one that can act on the task; none if it
             reuses none.
+        like: The method that its own policies can stand in for as sources, if any.
         actions: Which actions it can choose, of `discrete` and `continuous`.
         presets: The names of its `Method.presets`, by domain.
     """
@@ -36,6 +37,7 @@ class Entry(NamedTuple):
     teaches: tuple[str, ...]
     actions: frozenset[str]
     presets: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+    like: str | None = None
 
 
 _ANY = frozenset({"discrete", "continuous"})
@@ -47,6 +49,7 @@ METHODS: Mapping[str, Entry] = {
         ("hdm",),
         _ANY,
         {"maze2d": ("guided",)},
+        like="hdm",
     ),
     "hdm": Entry(
         "paddlectl.methods.hdm:HDM",
@@ -67,6 +70,7 @@ METHODS: Mapping[str, Entry] = {
         "the hybrid model goes on from one source: its clause weights, where they match, and its low level",
         ("hdm",),
         _ANY,
+        like="hdm",
     ),
     "ppo": Entry(
         "paddlectl.methods.flat:FLAT_PPO",
@@ -175,6 +179,21 @@ def teacher_of(name: str, task: "Task") -> str | None:
     require_actions(name, task)
     fitting = [teacher for teacher in entry_of(name).teaches if _actions(task) in entry_of(teacher).actions]
     return fitting[0] if fitting else None
+
+
+def stands_for(method: str) -> str:
+    """The method whose policies those of this one can stand in for as sources: by most, only its own."""
+    return METHODS[method].like or method if method in METHODS else method
+
+
+def teachers_of(name: str, task: "Task") -> tuple[str, ...]:
+    """All methods whose policies that one reuses on a task: `teacher_of` it, and those that are like it.
+
+    Raises:
+        UsageError: As `teacher_of`.
+    """
+    first = teacher_of(name, task)
+    return (first, *(o for o in METHODS if o != first and stands_for(o) == first)) if first else ()
 
 
 def require_actions(name: str, task: "Task", offered: Callable[[], Sequence[str]] = names) -> None:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 RUN_STATES = ("running", "finished", "failed", "interrupted")
 
@@ -12,6 +12,10 @@ RECORDINGS = "recordings"
 
 DEFINITION = "definition"
 """Under which a run's settings and a policy's metadata keep what a task file said of their task."""
+
+
+Methods: TypeAlias = str | tuple[str, ...] | None
+"""By which policies were learned: one, any of several, or whichever."""
 
 
 class Content(NamedTuple):

@@ -24,6 +24,7 @@ from paddlectl.registry.index.queries import (
     count,
     find_policy,
     find_run,
+    learned_by,
     next_step,
     programs,
     run_names,
@@ -33,6 +34,7 @@ from paddlectl.registry.records import (
     RUN_STATES,
     Content,
     Label,
+    Methods,
     PolicyRecord,
     RunRecord,
     StoredProgram,
@@ -342,10 +344,8 @@ class Registry:
             publish(self.folder, connection, f"policy-{number}")
             return find_policy(connection, number)
 
-    def policy(
-        self, name: str | Content, method: str | None = None, *, clauses: bool = False
-    ) -> PolicyRecord:
-        """The policy of an id such as `policy-7`, or the best one of a task, of one method or of all.
+    def policy(self, name: str | Content, methods: Methods = None, *, clauses: bool = False) -> PolicyRecord:
+        """The policy of an id such as `policy-7`, or the best one of a task, of these methods or of all.
 
         `clauses` asks of the task's policies only for such as have a program.
         The best has the highest success rate, then the highest mean score, then it is the newest.
@@ -358,7 +358,7 @@ class Registry:
             number = number_of(name, "policy") if isinstance(name, str) else None
             if number is not None:
                 return find_policy(connection, number)
-            return best_policy(connection, name, method, clauses=clauses)
+            return best_policy(connection, name, methods, clauses=clauses)
 
     def learned(self, task: Content, method: str) -> list[tuple[str, int, dict[str, Any]]]:
         """The policies of a task by one method, newest first: id, seed, and the settings of its run."""
@@ -372,16 +372,16 @@ class Registry:
             ]
         return [each for each in found if content_of(task.name, each[2]).identity == task.identity]
 
-    def best_of_each(self, domain: str, method: str | None = None) -> list[tuple[Content, str]]:
+    def best_of_each(self, domain: str, methods: Methods = None) -> list[tuple[Content, str]]:
         """The tasks of a domain that have policies, each with the id of its best one, by name."""
         with self.index.reading() as connection:
-            found = best_of_each(connection, domain, method).values()
+            found = best_of_each(connection, domain, methods).values()
         return [(content, f"policy-{number}") for content, number in found]
 
-    def programs(self, domain: str, method: str) -> Iterator[StoredProgram]:
-        """The programs of a domain's policies by one method, oldest first, read as they are asked for."""
+    def programs(self, domain: str, methods: Methods) -> Iterator[StoredProgram]:
+        """The programs of a domain's policies by these methods, oldest first, read as they are asked for."""
         with self.index.reading() as connection:
-            yield from programs(connection, domain, method)
+            yield from programs(connection, domain, methods)
 
     def policies(self) -> list[PolicyRecord]:
         """All policies, newest first."""
@@ -396,13 +396,11 @@ class Registry:
             newest_first = select(policies).where(*chosen).order_by(policies.c.id.desc()).limit(most)
             return policy_records(connection.execute(newest_first)), count(connection, policies, *chosen)
 
-    def solved(self, domain: str | None = None, method: str | None = None) -> list[str]:
-        """The tasks that have a policy, those of one domain or all, of one method or of all, by name."""
-        tasks = select(policies.c.task).distinct().order_by(policies.c.task)
+    def solved(self, domain: str | None = None, methods: Methods = None) -> list[str]:
+        """The tasks that have a policy, those of one domain or all, of these methods or of all, by name."""
+        tasks = select(policies.c.task).distinct().where(*learned_by(methods)).order_by(policies.c.task)
         if domain is not None:
             tasks = tasks.where(policies.c.domain == domain)
-        if method is not None:
-            tasks = tasks.where(policies.c.method == method)
         with self.index.reading() as connection:
             return [str(task) for task in connection.scalars(tasks)]
 

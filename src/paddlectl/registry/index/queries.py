@@ -9,7 +9,15 @@ from sqlalchemy import ColumnElement, Connection, Select, Table, case, func, or_
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry.files.documents import from_json
 from paddlectl.registry.names import LATEST, is_id, nearest, number_of, shown
-from paddlectl.registry.records import DEFINITION, Content, PolicyRecord, RunRecord, StoredProgram, content_of
+from paddlectl.registry.records import (
+    DEFINITION,
+    Content,
+    Methods,
+    PolicyRecord,
+    RunRecord,
+    StoredProgram,
+    content_of,
+)
 from paddlectl.registry.schema import ROW_TABLES, policies, policy_record, run_records, runs, select_runs
 
 _READ = 1_000  # rows at a time, where all are read
@@ -83,7 +91,7 @@ def _like(connection: Connection, table: Table, kind: str, name: str) -> list[st
 
 
 def best_policy(
-    connection: Connection, task: str | Content, method: str | None = None, *, clauses: bool = False
+    connection: Connection, task: str | Content, methods: Methods = None, *, clauses: bool = False
 ) -> PolicyRecord:
     """The best policy of a task: by success rate, then by mean score, then the newest.
 
@@ -96,22 +104,22 @@ def best_policy(
     name = task if isinstance(task, str) else task.name
     row = None
     if name.isprintable():  # others can't even be asked for
-        found = _best_first(method).where(policies.c.task == name).limit(1)
+        found = _best_first(methods).where(policies.c.task == name).limit(1)
         if clauses:
             found = found.where(policies.c.program.is_not(None))
         row = connection.execute(_of(connection, task, found)).first()
     if row is None:
-        by = f" by {method}" if method else ""
-        raise NotFoundError(f"no policy for {shown(name)}{by}", _way_to_policy(connection, name, method))
+        by = f" by {_named(methods)[0]}" if methods else ""
+        raise NotFoundError(f"no policy for {shown(name)}{by}", _way_to_policy(connection, name, methods))
     return policy_record(row)
 
 
 def best_of_each(
-    connection: Connection, domain: str, method: str | None = None
+    connection: Connection, domain: str, methods: Methods = None
 ) -> dict[str, tuple[Content, int]]:
     """The tasks of a domain that have policies, by identity, each with the number of its best one."""
     c = policies.c
-    rows = _best_first(method).with_only_columns(c.task, c.id, _KEPT).where(c.domain == domain)
+    rows = _best_first(methods).with_only_columns(c.task, c.id, _KEPT).where(c.domain == domain)
     found: dict[str, tuple[Content, int]] = {}
     for task, number, kept in connection.execute(rows):
         content = _content(task, kept, number)
@@ -119,12 +127,12 @@ def best_of_each(
     return dict(sorted(found.items()))
 
 
-def programs(connection: Connection, domain: str, method: str) -> Iterator[StoredProgram]:
-    """Those of a domain's policies by one method, oldest first; read as they are asked for."""
+def programs(connection: Connection, domain: str, methods: Methods) -> Iterator[StoredProgram]:
+    """Those of a domain's policies by these methods, oldest first; read as they are asked for."""
     c = policies.c
     rows = (
         select(c.id, c.task, _KEPT, c.program, c.success_rate, c.mean_score)
-        .where(c.domain == domain, c.method == method, c.program.is_not(None))
+        .where(c.domain == domain, *learned_by(methods), c.program.is_not(None))
         .order_by(c.id)
         .execution_options(yield_per=_READ)
     )
@@ -132,10 +140,19 @@ def programs(connection: Connection, domain: str, method: str) -> Iterator[Store
         yield StoredProgram(f"policy-{number}", _content(task, kept, number), *rest)
 
 
-def _best_first(method: str | None) -> Select[Any]:
+def learned_by(methods: Methods) -> list[ColumnElement[bool]]:
+    """What policies must meet that were learned by one of the methods; nothing if any will do."""
+    return [] if methods is None else [policies.c.method.in_(_named(methods))]
+
+
+def _named(methods: str | tuple[str, ...]) -> tuple[str, ...]:
+    return (methods,) if isinstance(methods, str) else methods
+
+
+def _best_first(methods: Methods) -> Select[Any]:
     c = policies.c
     found = select(policies).order_by(c.success_rate.desc(), c.mean_score.desc(), c.id.desc())
-    return found if method is None else found.where(c.method == method)
+    return found.where(*learned_by(methods))
 
 
 _KEPT = case((policies.c.metadata.contains(f'"{DEFINITION}"'), policies.c.metadata))
@@ -181,10 +198,8 @@ def _listed(ids: Sequence[str]) -> str:
     return ", ".join(ids[:5]) + (f" and {len(ids) - 5} more" if len(ids) > 5 else "")
 
 
-def _way_to_policy(connection: Connection, task: str, method: str | None) -> str:
-    tasks = select(policies.c.task).distinct()
-    if method is not None:
-        tasks = tasks.where(policies.c.method == method)
+def _way_to_policy(connection: Connection, task: str, methods: Methods) -> str:
+    tasks = select(policies.c.task).distinct().where(*learned_by(methods))
     solved = [str(name) for name in connection.scalars(tasks)]
     # A high bar: many tasks have names that are alike, and this one may only lack a policy.
     near = nearest(task, solved, 0.85)
