@@ -20,7 +20,10 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "paper"
 STUDIES = ROOT / "scenarios" / "paper"
 PAGE = ROOT / "docs" / "results.md"
+README = ROOT / "README.md"
+HEADLINE = "fig4"
 ORDER = ("fig3", "fig4", "fig5", "fig6a", "fig6b", "ablation-weights", "ablation-rules", "ablation-paper")
+AREA = "area_under_curve"
 SIGNS = {"ahead": "**ahead**", "behind": "**behind**"}
 Document = dict[str, Any]
 
@@ -30,6 +33,12 @@ def main() -> None:
         part for name in ORDER for part in (study(name) if done(name) == cells(name) else unfinished(name))
     ]
     PAGE.write_text("\n\n".join([*head(), *parts]) + "\n", encoding="utf-8")
+    if done(HEADLINE) == cells(HEADLINE):
+        text = README.read_text(encoding="utf-8")
+        before, rest = text.split("<!-- headline -->\n")
+        _, after = rest.split("<!-- /headline -->")
+        made = headline(comparison_document(read_results(RESULTS / f"{HEADLINE}.json")))
+        README.write_text(f"{before}<!-- headline -->\n{made}\n<!-- /headline -->{after}", encoding="utf-8")
 
 
 def cells(name: str) -> int:
@@ -71,6 +80,17 @@ def head() -> Iterator[str]:
     )
 
 
+def headline(document: Document) -> str:
+    """The areas under the curve alone, a row a scenario: interquartile means over seeds."""
+    best = {each["scenario"]: each["labels"] for each in document["best"] if each["figure"] == AREA}
+    rows: dict[str, list[str]] = {}
+    for cell in document["cells"]:
+        value = f"{cell[AREA]['iqm']['value']:.2f}"
+        row = rows.setdefault(cell["scenario"], [cell["scenario"], cell["target"]])
+        row.append(_bold(value, cell["label"] in best[cell["scenario"]]))
+    return _table(("scenario", "target", *(f"`{label}`" for label in document["labels"])), rows.values())
+
+
 def study(name: str) -> Iterator[str]:
     """A study's part of the page."""
     results = read_results(RESULTS / f"{name}.json")
@@ -98,11 +118,11 @@ def study(name: str) -> Iterator[str]:
         yield _table(
             ("scenario", "other", "P, area", "difference", "", "P, jump-start", "difference", ""), rows
         )
-    yield "\n".join(f"- {note}" for note in [*document["verdicts"]["area_under_curve"], *document["notes"]])
+    yield "\n".join(f"- {note}" for note in [*document["verdicts"][AREA], *document["notes"]])
 
 
 def _made_by(results: Sequence[Result]) -> str:
-    runs = {result.run: result for result in results}.values()
+    runs = {result.cell or result.run: result for result in results}.values()
     frames = sorted({run.frames for run in runs})
     hours = sum(run.seconds for run in runs) / 3600
     return (
@@ -122,7 +142,7 @@ def _cells(document: Document, results: Sequence[Result]) -> Iterator[tuple[str,
         ]
         figures = [
             _bold(_estimate(cell[figure]["iqm"]), cell["label"] in best[cell["scenario"], figure])
-            for figure in ("area_under_curve", "jump_start", "final_score")
+            for figure in (AREA, "jump_start", "final_score")
         ]
         reached = cell["frames_to_success"]["median"]["value"]
         yield (
@@ -140,7 +160,7 @@ def _cells(document: Document, results: Sequence[Result]) -> Iterator[tuple[str,
 def _against(document: Document) -> Iterator[tuple[str, ...]]:
     for row in document["against"]:
         told = []
-        for figure in ("area_under_curve", "jump_start"):
+        for figure in (AREA, "jump_start"):
             versus = row[figure]
             told += [
                 _estimate(versus["probability_of_improvement"]),

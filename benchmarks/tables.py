@@ -1,4 +1,4 @@
-"""The tables of the result files, put between the marks of README.md and docs/.
+"""The tables of the result files, put between the marks of docs/.
 
 python benchmarks/tables.py
 """
@@ -171,22 +171,6 @@ def compared(results: Run) -> str:
                 x, y = (np.array([found[seed] for seed in seeds]) for found in (ours, theirs))
                 rows.append([str(scenario), f"`{rival}`", str(len(seeds)), *_difference(x, y)])
     return _markdown(rows) if len(rows) > 1 else ""
-
-
-def headline(results: Run) -> str:
-    """Markdown: mean area of `paddle` and its rivals, a row a scenario."""
-    by_name: dict[tuple[str, str, str | None], list[float]] = {}
-    for run in results["runs"].values():
-        if run["kind"] == "transfer":
-            key = run["method"], run["task"], run["scenario"]
-            by_name.setdefault(key, []).append(run["area_under_curve"])
-    rows = [["scenario", "target", "`paddle`", *(f"`{rival}`" for rival in RIVALS)]]
-    for (method, task, scenario), ours in sorted(by_name.items(), key=lambda each: str(each[0][::-1])):
-        if method == "paddle" and scenario in SCENARIOS:
-            theirs = [by_name[rival, task, None if rival == "hdm" else scenario] for rival in RIVALS]
-            means = [f"{np.mean(areas):.2f}" for areas in (ours, *theirs)]
-            rows.append([str(scenario), task, *means])
-    return _markdown(rows)
 
 
 def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> list[str]:
@@ -369,7 +353,6 @@ def main() -> None:
     parser.add_argument("--guidance", type=Path, default=HERE.parent / "docs" / "guidance.md")
     parser.add_argument("--page", type=Path, default=HERE.parent / "docs" / "benchmarks.md")
     parser.add_argument("--environments", type=Path, default=HERE.parent / "docs" / "environments.md")
-    parser.add_argument("--readme", type=Path, default=HERE.parent / "README.md")
     parser.add_argument("--methods", type=Path, default=HERE.parent / "docs" / "methods.md")
     options = parser.parse_args()
     text = options.page.read_text()
@@ -377,8 +360,6 @@ def main() -> None:
     text = _put(text, "compared", compared(json.loads(options.results.read_text())))
     text = _put(text, "maze", maze_tables(json.loads(options.maze.read_text())))
     options.page.write_text(text)
-    readme = _put(options.readme.read_text(), "headline", headline(json.loads(options.results.read_text())))
-    options.readme.write_text(readme)
     stock = [json.loads((HERE / "minigrid" / name).read_text()) for name in ("stock.json", "sb3.json")]
     options.environments.write_text(_put(options.environments.read_text(), "stock", stock_table(*stock)))
     if options.why.exists():
