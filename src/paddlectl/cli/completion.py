@@ -1,6 +1,6 @@
 """What the shell is offered: tasks, policies, runs, files; silence if there is trouble."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import wraps
 from pathlib import Path
@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from paddlectl.registry.store import Registry, Which
 
 T = TypeVar("T")
+MOST = 200
+"""Ids that are offered at once, the newest: nobody reads more."""
 PATIENCE = 1.0  # seconds for a registry whose server, disk or writer keeps one waiting
 
 
@@ -33,8 +35,8 @@ def task_names() -> list[str]:
     return list(names())
 
 
-def _soon(registry: str | None, which: "Which") -> "list[Label]":
-    return _answer(registry, lambda opened: opened.labels(which))
+def _soon(registry: str | None, which: "Which", incomplete: str) -> "list[Label]":
+    return _answer(registry, lambda opened: opened.labels(which, incomplete, MOST))
 
 
 def _answer(registry: str | None, asked: "Callable[[Registry], T]") -> T:
@@ -58,63 +60,63 @@ def _answer(registry: str | None, asked: "Callable[[Registry], T]") -> T:
 
 
 @_quiet
-def policy_names(registry: str | None) -> list[tuple[str, str]]:
-    return _with_tasks(_soon(registry, "policies"))
+def policy_names(registry: str | None, incomplete: str = "") -> list[tuple[str, str]]:
+    return _tasks(registry) + _pairs(_soon(registry, "policies", incomplete))
 
 
 @_quiet
-def source_names(registry: str | None, target: str | None) -> list[tuple[str, str]]:
+def run_names(registry: str | None, incomplete: str = "") -> list[tuple[str, str]]:
+    """Also such as go on."""
+    return _pairs(_soon(registry, "runs", incomplete))
+
+
+@_quiet
+def stopped_names(registry: str | None, incomplete: str = "") -> list[tuple[str, str]]:
+    """Those that can be resumed."""
+    return _pairs(_soon(registry, "stopped", incomplete))
+
+
+@_quiet
+def source_names(registry: str | None, target: str | None, incomplete: str = "") -> list[tuple[str, str]]:
     """Those that Ψ of the target can be shown from: of its domain, with clauses."""
-    from paddlectl.methods.catalogue import entry_of, stands_for
+    from paddlectl.methods.catalogue import METHODS, entry_of, stands_for
     from paddlectl.tasks.naming import given
     from paddlectl.tasks.suite import load, usable
 
-    policies = _soon(registry, "programs")
+    policies, domain = _soon(registry, "programs", incomplete), None
     if target:
         domain = load(given(target)).domain
         elsewhere = {task.name for task in usable() if task.domain != domain}
         policies = [policy for policy in policies if policy.task not in elsewhere]
-    fitting = [policy for policy in policies if stands_for(policy.method) in entry_of("paddle").teaches]
-    return _best(fitting) + _pairs(policies)
+    teachers = tuple(name for name in METHODS if stands_for(name) in entry_of("paddle").teaches)
+    return _tasks(registry, domain, teachers) + _pairs(policies)
 
 
 @_quiet
-def transfer_names(registry: str | None) -> list[tuple[str, str]]:
+def transfer_names(registry: str | None, incomplete: str = "") -> list[tuple[str, str]]:
     """Those that can be explained."""
-    found = _pairs(_soon(registry, "transfers"))
-    return [("latest", "the newest transfer"), *found] if found else []
+    found = _pairs(_soon(registry, "transfers", incomplete))
+    return [("latest", "the newest transfer"), *found] if found or incomplete else []
 
 
 @_quiet
-def ended_names(registry: str | None) -> list[tuple[str, str]]:
+def ended_names(registry: str | None, incomplete: str = "") -> list[tuple[str, str]]:
     """Those that can be exported, policies among them."""
-    return _with_tasks(_soon(registry, "policies")) + _pairs(_soon(registry, "ended"))
+    return policy_names(registry, incomplete) + _pairs(_soon(registry, "ended", incomplete))
 
 
 @_quiet
-def plotted_names(registry: str | None) -> list[tuple[str, str]]:
+def plotted_names(registry: str | None, incomplete: str = "") -> list[tuple[str, str]]:
     """Runs that have a whole curve."""
-    return _pairs(_soon(registry, "ended"))
+    return _pairs(_soon(registry, "ended", incomplete))
 
 
-@_quiet
-def run_names(registry: str | None) -> list[tuple[str, str]]:
-    """All of them, also such as go on."""
-    return _pairs(_soon(registry, "runs"))
-
-
-@_quiet
-def stopped_names(registry: str | None) -> list[tuple[str, str]]:
-    """Those that can be resumed."""
-    return _pairs(_soon(registry, "stopped"))
-
-
-def _with_tasks(labels: "Sequence[Label]") -> list[tuple[str, str]]:
-    return _best(labels) + _pairs(labels)
-
-
-def _best(labels: "Iterable[Label]") -> list[tuple[str, str]]:
-    return [(task, "its best policy") for task in dict.fromkeys(label.task for label in labels)]
+def _tasks(
+    registry: str | None, domain: str | None = None, methods: tuple[str, ...] | None = None
+) -> list[tuple[str, str]]:
+    """Those that policies solve, of a domain or any, by these methods or whichever."""
+    solved = _answer(registry, lambda opened: opened.solved(domain, methods))
+    return [(task, "its best policy") for task in solved]
 
 
 def _pairs(labels: "Iterable[Label]") -> list[tuple[str, str]]:

@@ -27,38 +27,54 @@ def complete_tasks(incomplete: str) -> list[str]:
 def complete_policies(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import policy_names
 
-    return [pair for pair in policy_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+    return [
+        pair
+        for pair in policy_names(ctx.params.get("registry"), incomplete)
+        if pair[0].startswith(incomplete)
+    ]
 
 
 def complete_sources(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import source_names
 
-    found = source_names(ctx.params.get("registry"), ctx.params.get("target"))
+    found = source_names(ctx.params.get("registry"), ctx.params.get("target"), incomplete)
     return [pair for pair in found if pair[0].startswith(incomplete)]
 
 
 def complete_transfers(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import transfer_names
 
-    return [pair for pair in transfer_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+    return [
+        pair
+        for pair in transfer_names(ctx.params.get("registry"), incomplete)
+        if pair[0].startswith(incomplete)
+    ]
 
 
 def complete_held(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import ended_names
 
-    return [pair for pair in ended_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+    return [
+        pair for pair in ended_names(ctx.params.get("registry"), incomplete) if pair[0].startswith(incomplete)
+    ]
 
 
 def complete_runs(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import run_names
 
-    return [pair for pair in run_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+    return [
+        pair for pair in run_names(ctx.params.get("registry"), incomplete) if pair[0].startswith(incomplete)
+    ]
 
 
 def complete_stopped(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import stopped_names
 
-    return [pair for pair in stopped_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+    return [
+        pair
+        for pair in stopped_names(ctx.params.get("registry"), incomplete)
+        if pair[0].startswith(incomplete)
+    ]
 
 
 def complete_compared(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -97,7 +113,11 @@ def complete_studies(incomplete: str) -> list[str]:
 def complete_plotted(ctx: typer.Context, incomplete: str) -> list[str | tuple[str, str]]:
     from paddlectl.cli.completion import plotted_names
 
-    runs = [pair for pair in plotted_names(ctx.params.get("registry")) if pair[0].startswith(incomplete)]
+    runs = [
+        pair
+        for pair in plotted_names(ctx.params.get("registry"), incomplete)
+        if pair[0].startswith(incomplete)
+    ]
     return [*runs, *complete_results(incomplete)]
 
 

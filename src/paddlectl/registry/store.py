@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self
 
-from sqlalchemy import ColumnElement, Table, func, null, select, update
+from sqlalchemy import ColumnElement, String, Table, cast, func, literal, null, or_, select, update
 
 from paddlectl.errors import UsageError
 from paddlectl.registry import fields
@@ -404,14 +404,17 @@ class Registry:
         with self.index.reading() as connection:
             return [str(task) for task in connection.scalars(tasks)]
 
-    def labels(self, which: Which) -> list[Label]:
+    def labels(self, which: Which, begin: str = "", most: int | None = None) -> list[Label]:
         """Of policies, of those with clauses, of runs, transfers, runs that have ended, or can be resumed.
 
-        The newest come first.
+        The newest come first, so many at most: those whose id or name begins with `begin`.
         """
         c, kind = (policies.c, "policy") if which in ("policies", "programs") else (runs.c, "run")
         name = null() if kind == "policy" else runs.c.name
-        rows = select(c.id, c.method, c.task, name).order_by(c.id.desc())
+        rows = select(c.id, c.method, c.task, name).order_by(c.id.desc()).limit(most)
+        if begin:
+            texts = [literal(f"{kind}-") + cast(c.id, String), *([runs.c.name] if kind == "run" else [])]
+            rows = rows.where(or_(*(text.startswith(begin, autoescape=True) for text in texts)))
         match which:
             case "programs":
                 rows = rows.where(policies.c.program.is_not(None))
