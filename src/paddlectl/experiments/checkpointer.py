@@ -87,7 +87,7 @@ class Checkpointer:
             IntegrityError: If the run has checkpoints, but none that can be used.
         """
         kept = {**roots, "curve": log.curve}
-        begun = snapshot.digest(snapshot.capture(kept)[0])
+        begun = snapshot.digest(kept)
         if self.resumed is not None:
             self._rewind(registry, log, kept, begun)
         due = time.monotonic() + self.every

@@ -167,9 +167,23 @@ def run_transfer(
         ),
     )
     with recorded(registry, run) as log:
-        sources = tuple(_source(registry, policy) for policy in reused)
-        setup = Setup(task, settings, job.seed, job.frames, sources, job.scenario, rules)
-        kept = _learned(registry, run, method, setup, log, report, checkpointer)
+        kept = _learned(
+            registry,
+            run,
+            method,
+            Setup(
+                task,
+                settings,
+                job.seed,
+                job.frames,
+                tuple(_source(registry, policy) for policy in reused),
+                job.scenario,
+                rules,
+            ),
+            log,
+            report,
+            checkpointer,
+        )
         figures = LearningCurve(ended_episodes(registry, run.id), log.frames).figures()
         log.results = figures | figures_of(kept)
     return {
@@ -195,6 +209,7 @@ def _learned(
 ) -> PolicyRecord:
     """Runs the method's agent within its budget, and keeps its policy."""
     agent = method.make(setup)
+    setup = setup._replace(sources=())  # what the agent doesn't need of them is free
     layouts = np.random.SeedSequence(setup.seed).spawn(1)[0]
     settings = setup.settings
     environment = setup.task.make(

@@ -57,9 +57,13 @@ def capture(roots: dict[str, Any]) -> tuple[Any, bytes]:
     return tree, safetensors.numpy.save(flat)
 
 
-def digest(tree: Any) -> str:
-    """The SHA-256 of captured state but for its arrays: of all settings and shapes, and of who is there."""
-    return hashlib.sha256(json.dumps(tree).encode()).hexdigest()
+def digest(roots: dict[str, Any]) -> str:
+    """The SHA-256 of state but for its arrays: of all settings and shapes, and of who is there.
+
+    Raises:
+        PaddlectlError: As `capture`.
+    """
+    return hashlib.sha256(json.dumps(_Writer().node(roots, "")).encode()).hexdigest()
 
 
 def restore(roots: dict[str, Any], tree: Any, arrays: bytes) -> None:

@@ -106,25 +106,15 @@ class PPO:
         self, observations: NDArray[np.float32], rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Samples actions [B] and their log-probabilities [B] for observations [B, D]."""
-        return self._sample(observations, rng, 1.0)
+        return _sample(self.actor, observations, rng, 1.0)
 
     def eval_actor(self) -> "PPOEvalActor":
         """The same actor for evaluation: it explores less."""
-        return PPOEvalActor(partial(self._sample, sharpness=self.settings.sharpness))
+        return PPOEvalActor(partial(_sample, self.actor, sharpness=self.settings.sharpness))
 
-    def teacher_actor(self) -> "PPO":
+    def teacher_actor(self) -> "PPOEvalActor":
         """The same actor as the teacher of another policy: as it learned, so that it hardly gets stuck."""
-        return self
-
-    @torch.no_grad()
-    def _sample(
-        self, observations: NDArray[np.float32], rng: np.random.Generator, sharpness: float
-    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        log_probs = (sharpness * self.actor(torch.from_numpy(observations))).log_softmax(-1)
-        uniform = torch.from_numpy(rng.random(log_probs.shape, np.float32))
-        noise = uniform.clamp_min_(1e-10).log_().neg_().log_()
-        actions = (log_probs - noise).argmax(-1)
-        return actions.numpy(), log_probs.gather(-1, actions[:, None])[:, 0].numpy()
+        return PPOEvalActor(partial(_sample, self.actor, sharpness=1.0))
 
     def log_probs(self, observations: torch.Tensor) -> torch.Tensor:
         """Of every action. [..., D] -> [..., A]"""
@@ -235,3 +225,15 @@ class PPO:
     def _value_loss(self, observations: torch.Tensor, returns: torch.Tensor) -> torch.Tensor:
         error: torch.Tensor = self.critic(observations).squeeze(-1) - returns
         return self.settings.value_coef * error.square().mean()
+
+
+@torch.no_grad()
+def _sample(
+    actor: nn.Module, observations: NDArray[np.float32], rng: np.random.Generator, sharpness: float
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Actions [B] and their log-probabilities [B] for observations [B, D]."""
+    log_probs = (sharpness * actor(torch.from_numpy(observations))).log_softmax(-1)
+    uniform = torch.from_numpy(rng.random(log_probs.shape, np.float32))
+    noise = uniform.clamp_min_(1e-10).log_().neg_().log_()
+    actions = (log_probs - noise).argmax(-1)
+    return actions.numpy(), log_probs.gather(-1, actions[:, None])[:, 0].numpy()

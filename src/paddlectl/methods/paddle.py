@@ -13,7 +13,8 @@ from paddlectl.agents.settings import changed
 from paddlectl.hybrid.agent import HybridAgent
 from paddlectl.hybrid.policy import HybridPolicy
 from paddlectl.hybrid.settings import USUAL, HybridSettings, settings_for, settings_from
-from paddlectl.learners.base import Learner
+from paddlectl.learners.base import Actor, Learner
+from paddlectl.learners.frozen import FrozenActor
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.methods.base import Method, Setup
 from paddlectl.scenario import Scenario, Similarity
@@ -83,7 +84,7 @@ class PaddleAgent(HybridAgent):
         frames: int,
     ) -> None:
         rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0].spawn(1)[0])
-        actors = [target.low_level, *(source.low_level.teacher_actor() for source in sources)]
+        actors: list[Actor] = [target.low_level, *(FrozenActor(source.low_level) for source in sources)]
         super().__init__(target, selector, actors, rng, [selector])
         self.guides = selector
         self._recorder = GuideRecorder(selector, sources)
