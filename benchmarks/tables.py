@@ -16,6 +16,12 @@ from numpy.typing import NDArray
 
 HERE = Path(__file__).parent
 Run = dict[str, Any]
+WAYS = {
+    "scratch": "nothing",
+    "all": "all before it",
+    "auto": "the three most similar",
+    "random": "three by chance",
+}
 Column = tuple[str, Callable[[Sequence[Run]], str]]
 
 
@@ -270,6 +276,32 @@ def stock_table(results: Sequence[Run], theirs: Sequence[Run]) -> str:
     return table("target, method", _STOCK, grouped([*ours, *others], lambda run: run["name"]))
 
 
+def curriculum_table(results: Sequence[Run], budget: int = 100_000) -> str:
+    """Markdown: twelve tasks in a row, by what each reuses; the first, which reuses none, isn't counted."""
+    rows = [["each task reuses", "seeds", "area", "frames to 0.9", "never", "unseen success", "forgotten"]]
+    for way, told in WAYS.items():
+        runs = [run for run in results if run["way"] == way and run["place"]]
+        by_seed = [[run for run in runs if run["seed"] == seed] for seed in sorted({r["seed"] for r in runs})]
+        frames = [[run["frames_to_success"] or budget for run in row] for row in by_seed]
+        rows.append(
+            [
+                told,
+                str(len(by_seed)),
+                _spread([np.mean([run["area_under_curve"] for run in row]) for row in by_seed], ".3f"),
+                _spread([np.mean(row) for row in frames], ",.0f"),
+                str(sum(run["frames_to_success"] is None for run in runs)),
+                f"{np.mean([run['unseen_success'] for run in runs]):.1%}",
+                str(sum(run["success_at_the_end"] < run["unseen_success"] for run in runs)),
+            ]
+        )
+    return _markdown(rows)
+
+
+def _spread(values: Sequence[Any], form: str) -> str:
+    """The mean over seeds, and their range."""
+    return f"{np.mean(values):{form}} ({min(values):{form}} to {max(values):{form}})"
+
+
 def _taken_back(run: Run) -> str:
     return f"{run['task']}, {run['name'].removesuffix(run['task']).strip()}"
 
@@ -359,6 +391,8 @@ def main() -> None:
     text = _put(text, "results", tables(json.loads(options.results.read_text())))
     text = _put(text, "compared", compared(json.loads(options.results.read_text())))
     text = _put(text, "maze", maze_tables(json.loads(options.maze.read_text())))
+    if (curriculum := HERE / "curriculum.json").exists():
+        text = _put(text, "curriculum", curriculum_table(json.loads(curriculum.read_text())))
     options.page.write_text(text)
     stock = [json.loads((HERE / "minigrid" / name).read_text()) for name in ("stock.json", "sb3.json")]
     options.environments.write_text(_put(options.environments.read_text(), "stock", stock_table(*stock)))

@@ -212,6 +212,13 @@ def test_a_listing_tries_the_tasks_of_a_file(file: Path, command: Command) -> No
     assert named.code == 1 and "its environment of task Own (Nowhere-v0) fails" in named.err
 
 
+def test_a_listing_plays_the_tasks_of_a_file_a_little(file: Path, command: Command) -> None:
+    own = file.with_name("own.py")
+    own.write_text(changed("success=lambda env: bool(1 / (env.s == 0))"))
+    answer = command("tasks", "Own", "--tasks", own)
+    assert answer.code == 1 and "division by zero" in answer.err, "true in the first state alone"
+
+
 def test_its_policy_is_there_for_python(file: Path, tmp_path: Path) -> None:
     done(file.parent, f"train Lake --tasks lake.py --frames 64 {FEW}")
     with pytest.raises(paddlectl.IntegrityError) as lacking:

@@ -186,8 +186,8 @@ def test_completion_of_commands_tasks_policies_runs(complete: Complete, registry
     assert complete("paddlectl similarity --target BlockedBoxU") == [TARGET]
     assert complete("paddlectl show ", **where) == [
         TARGET,
-        "GapBall",
         "BlockedDoor",
+        "GapBall",
         "policy-3",
         "policy-2",
         "policy-1",

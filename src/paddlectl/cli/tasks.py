@@ -32,11 +32,11 @@ def tasks(
     from paddlectl.report.definitions import definition_lines
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.tables import TASKS, table
-    from paddlectl.tasks.suite import load, require_made, usable
+    from paddlectl.tasks.suite import load, require_playable, usable
 
     found = [*map(load, map(task_named, task))] if task else [*filter(_made, usable(_tell))]
     for each in found if task else ():
-        require_made(each)
+        require_playable(each)
     rows = [_row(each) for each in found]
     if as_json:
         print_json({"tasks": rows})
@@ -65,12 +65,12 @@ def _row(task: "Task") -> dict[str, Any]:
 
 
 def _made(task: "Task") -> bool:
-    """Whether its environment can be made, if it is of a file."""
+    """Whether its environment can be made and played, if it is of a file."""
     from paddlectl.errors import PaddlectlError
-    from paddlectl.tasks.suite import require_made
+    from paddlectl.tasks.suite import require_playable
 
     try:
-        require_made(task)
+        require_playable(task)
     except PaddlectlError as error:
         _tell(error)
         return False

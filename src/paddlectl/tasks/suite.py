@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from difflib import get_close_matches
 from pathlib import Path
 
+import numpy as np
+
 from paddlectl.errors import InvalidFileError, NotFoundError, PaddlectlError
 from paddlectl.plugins import Plugins, attribute, load_file, require_kind
 from paddlectl.registry.fields import BUDGET, TASK
@@ -22,6 +24,9 @@ from paddlectl.tasks.stock import families as stock
 
 HORIZONS = range(1, 10**6 + 1)
 """Steps of an episode; of some environments the actions of those that go on are kept."""
+
+TRIED = 30
+"""Steps by which a task of a file is tried."""
 
 AnyTask = str | Defined
 """A task by its name, or as a task file defines it (`tasks.naming.given`)."""
@@ -102,15 +107,25 @@ def _defined(spec: Definition) -> Task:
     return DefinedTask(**vars(task), told=json.dumps(spec.document()))
 
 
-def require_made(task: Task) -> None:
-    """Makes an environment of a task of a file that was taken in; of another task nothing.
+def require_playable(task: Task) -> None:
+    """Plays a task of a file that was taken in a little, by chance; of another task it does nothing.
 
     Raises:
-        PaddlectlError: If it can't be made.
+        PaddlectlError: If it can't be made, or something of it fails within `TRIED` steps.
     """
     if PLUGINS.from_file(task.name):
         with PLUGINS.using(task.name):
-            task.make(1, 0)
+            environment, rng = task.make(1, 0), np.random.default_rng(0)
+            for _ in range(TRIED):
+                environment.valuation()
+                environment.flat_state()
+                for subgoal in map(task.domain_subgoals.index, task.subgoals):
+                    asked = np.array([subgoal])
+                    environment.reached(asked)
+                    if environment.available(asked).all():
+                        environment.observe(asked)
+                step = environment.step(environment.actions.sample(rng, 1))
+                environment.reset(step.terminated | step.truncated)
 
 
 def usable(tell: Callable[[PaddlectlError], None] = lambda _: None) -> Iterator[Task]:
