@@ -11,11 +11,11 @@ import argparse
 import json
 import os
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
+from scale import measured
 from start_up import command
 
 from paddlectl.experiments.log import versions
@@ -25,14 +25,6 @@ from paddlectl.registry.store import Registry
 HERE = Path(__file__).parent
 TASKS = ("BlockedDoor", "GapBall", "BoxDoor", "DoorBall", "OpenGoal")
 TARGET = "BlockedBoxUnlockPickup"
-_MEASURE = """
-import json, resource, subprocess, sys, time
-began = time.perf_counter()
-code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
-wall, used = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-print(json.dumps({"wall": wall, "cpu": used.ru_utime + used.ru_stime, "megabytes": used.ru_maxrss / 1024}))
-sys.exit(code)
-"""
 
 
 def main() -> None:
@@ -84,8 +76,7 @@ def transfer(folder: Path, sources: list[str], frames: int) -> dict[str, Any]:
     told = {"name": "many", "target": TARGET, "sources": sources or ["BlockedDoor"]}
     scenario.write_text(json.dumps(told), encoding="utf-8")  # JSON is YAML
     by = "--method paddle" if sources else "--method hdm"
-    line = [sys.executable, "-c", _MEASURE, *command(f"transfer {scenario} --frames {frames} {by}")]
-    cost = json.loads(subprocess.run(line, check=True, capture_output=True, text=True).stdout)
+    cost = measured(command(f"transfer {scenario} --frames {frames} {by}"))
     with Registry.open(folder / "registry") as registry:
         (run,), _ = registry.newest_runs(1)
     row = {"sources": len(sources), **{name: round(value, 2) for name, value in cost.items()}}

@@ -297,6 +297,38 @@ def curriculum_table(results: Sequence[Run], budget: int = 100_000) -> str:
     return _markdown(rows)
 
 
+def cost_table(results: Run) -> str:
+    """Markdown: what a transfer costs, by the number of its sources."""
+    rows = [["sources", "frames a second", "CPU seconds", "MB"]]
+    for row in results["transfers"]:
+        name = str(row["sources"]) if row["sources"] else "none (`hdm`)"
+        rows.append(
+            [name, f"{row['frames_per_second']:,.0f}", f"{row['cpu']:.0f}", f"{row['megabytes']:,.0f}"]
+        )
+    return f"{_markdown(rows)}\n\nOf {results['frames']:,} frames, start and evaluation included."
+
+
+def start_table(results: Run) -> str:
+    """Markdown: how long commands take in a registry of many runs."""
+    rows = [["command", "seconds", "CPU seconds"]]
+    rows += [
+        [f"`{line}`" if line[0] != "b" else line, f"{row['wall']:.2f}", f"{row['cpu']:.2f}"]
+        for line, row in results["seconds"].items()
+    ]
+    return _markdown(rows)
+
+
+def scale_table(results: Run) -> str:
+    """Markdown: the same as the registry grows, with memory."""
+    sizes = [str(size) for size in results["sizes"]]
+    rows = [["what", *(f"{int(size):,}" for size in sizes), "MB at the largest"]]
+    for name, by_size in results["rows"].items():
+        told = [by_size[size] for size in sizes]
+        cells = [f"{row['wall']:.2f} s" if "wall" in row else "" for row in told]
+        rows.append([name, *cells, f"{told[-1]['megabytes']:,.0f}" if "megabytes" in told[-1] else ""])
+    return _markdown(rows)
+
+
 def _spread(values: Sequence[Any], form: str) -> str:
     """The mean over seeds, and their range."""
     return f"{np.mean(values):{form}} ({min(values):{form}} to {max(values):{form}})"
@@ -376,6 +408,14 @@ def _reading(runs: Sequence[Run]) -> str:
     )
 
 
+MADE: dict[str, Callable[[Any], str]] = {
+    "curriculum": curriculum_table,
+    "many_sources": cost_table,
+    "start_up": start_table,
+    "scale": scale_table,
+}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--results", type=Path, default=HERE / "learning.json")
@@ -391,8 +431,9 @@ def main() -> None:
     text = _put(text, "results", tables(json.loads(options.results.read_text())))
     text = _put(text, "compared", compared(json.loads(options.results.read_text())))
     text = _put(text, "maze", maze_tables(json.loads(options.maze.read_text())))
-    if (curriculum := HERE / "curriculum.json").exists():
-        text = _put(text, "curriculum", curriculum_table(json.loads(curriculum.read_text())))
+    for mark, made in MADE.items():
+        if (path := HERE / f"{mark}.json").exists():
+            text = _put(text, mark, made(json.loads(path.read_text())))
     options.page.write_text(text)
     stock = [json.loads((HERE / "minigrid" / name).read_text()) for name in ("stock.json", "sb3.json")]
     options.environments.write_text(_put(options.environments.read_text(), "stock", stock_table(*stock)))
