@@ -86,9 +86,9 @@ def headline(document: Document) -> str:
     rows: dict[str, list[str]] = {}
     for cell in document["cells"]:
         value = f"{cell[AREA]['iqm']['value']:.2f}"
-        row = rows.setdefault(cell["scenario"], [cell["scenario"], cell["target"]])
+        row = rows.setdefault(cell["scenario"], [cell["scenario"]])
         row.append(_bold(value, cell["label"] in best[cell["scenario"]]))
-    return _table(("scenario", "target", *(f"`{label}`" for label in document["labels"])), rows.values())
+    return _table(("scenario", *(f"`{label}`" for label in document["labels"])), rows.values())
 
 
 def study(name: str) -> Iterator[str]:

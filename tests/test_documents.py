@@ -55,7 +55,7 @@ def test_there_are_commands_to_check() -> None:
 
 def test_readme_is_short() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert len(text.split()) < WORDS
+    assert len([word for word in text.split() if any(map(str.isalpha, word))]) < WORDS
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
