@@ -10,7 +10,7 @@ A row is run by the command line, in a registry of its own, in one of four ways:
 - `random`: with three by chance.
 
 The first task of each row is learned by `hdm`. At the end each row's policies are evaluated again. Rows go on
-where they were stopped. The result goes into benchmarks/curriculum.json.
+where they were stopped; those that the result has already aren't run again. The result goes into benchmarks/curriculum.json.
 """
 
 import argparse
@@ -54,15 +54,24 @@ def main() -> None:
     parser.add_argument("--result", type=Path, default=RESULT)
     options = parser.parse_args()
     tasks = ROW[: options.tasks]
+    told: dict[tuple[str, int], list[dict[str, Any]]] = {}
+    for figures in json.loads(options.result.read_text("utf-8")) if options.result.exists() else ():
+        told.setdefault((figures["way"], figures["seed"]), []).append(figures)
     rows = [(way, seed) for seed in options.seeds for way in options.only]
+    rows = [row for row in rows if len(told.get(row, ())) < len(tasks)]
 
     def learned(row: tuple[str, int]) -> list[dict[str, Any]]:
         return Row(options.folder, *row, options.frames).learn(tasks)
 
     with ThreadPoolExecutor(options.jobs) as pool:
-        told = [figures for row in pool.map(learned, rows) for figures in row]
-    lines = ",\n".join(json.dumps(each) for each in told)
-    options.result.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+        for row, figures in zip(rows, pool.map(learned, rows), strict=True):
+            told[row] = figures
+            write(options.result, [each for row in sorted(told) for each in told[row]])
+
+
+def write(path: Path, rows: list[dict[str, Any]]) -> None:
+    lines = ",\n".join(map(json.dumps, rows))
+    path.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
 
 
 class Row:
