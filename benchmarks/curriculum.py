@@ -10,7 +10,8 @@ A row is run by the command line, in a registry of its own, in one of four ways:
 - `random`: with three by chance.
 
 The first task of each row is learned by `hdm`. At the end each row's policies are evaluated again. Rows go on
-where they were stopped; those that the result has already aren't run again. The result goes into benchmarks/curriculum.json.
+where they were stopped; those that the result has already aren't run again. The result goes into
+benchmarks/curriculum.json.
 """
 
 import argparse
