@@ -40,6 +40,7 @@ RETRIES = 3
 """How often a job is begun anew whose node or process was lost."""
 ANSWER = 10.0  # seconds until somebody must be there at an address,
 CONNECTED = 120.0  # and Ray must have taken up the driver
+LOOK = 10.0  # seconds without news until the cluster is asked whether it is still there
 ENDED = 10.0  # seconds that the driver may take to end
 CHECK = "check it with: ray status"
 
@@ -90,7 +91,7 @@ def run_jobs(
         while len(outcomes) < len(jobs):
             wait([told])
             with held_back():
-                index, found = _heard(told, address)
+                index, found = _heard(told, f"the Ray cluster {address} was lost")
                 outcomes[index] = _kept(home, found)
             tell(index, outcomes[index])
     return [outcomes[index] for index in range(len(jobs))]
@@ -127,9 +128,10 @@ def _driver(work: Work, address: str) -> Iterator[Connection]:
         driver.start()
     telling.close()
     try:
+        unreached = f"the Ray cluster {address} can't be reached"
         if not told.poll(CONNECTED):
-            raise PaddlectlError(f"the Ray cluster {address} can't be reached: it doesn't answer", CHECK)
-        _heard(told, address)
+            raise PaddlectlError(f"{unreached}: it doesn't answer", CHECK)
+        _heard(told, unreached)
         yield told
     finally:
         with held_back():
@@ -140,27 +142,20 @@ def _driver(work: Work, address: str) -> Iterator[Connection]:
             told.close()
 
 
-def _heard(told: Connection, address: str) -> tuple[int, Found]:
+def _heard(told: Connection, otherwise: str) -> tuple[int, Found]:
     """What the driver says next: a job's number and what became of it.
 
     Raises:
-        PaddlectlError: If there is no cluster, or no more.
+        PaddlectlError: If it ended, or says why it ends.
     """
     try:
         said = told.recv()
     except (EOFError, OSError):
-        said = _lost(address, "Ray ended the connection")
-    if isinstance(said, PaddlectlError):
-        raise said
+        said = "Ray ended the connection"
+    if isinstance(said, str):
+        raise PaddlectlError(f"{otherwise}: {said}", f"{CHECK}; what has ended is kept, so run the same again")
     index, found = said
     return index, found
-
-
-def _lost(address: str, why: str) -> PaddlectlError:
-    return PaddlectlError(
-        f"the Ray cluster {address} can't be reached, or was lost: {why}",
-        f"{CHECK}; what has ended is kept, so run the same again",
-    )
 
 
 def _kept(home: Registry, found: Found) -> Outcome:
@@ -184,7 +179,7 @@ def _own() -> str:
 def _drive(work: Work, address: str, telling: Connection) -> None:
     """Has all of it done by Ray, and tells what became of each as it ends.
 
-    It tells that it is connected first.
+    It tells first that it is connected; and last, if it has to end, why.
     """
     os.setsid()  # ^C is for who started it
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
@@ -207,7 +202,7 @@ def _drive(work: Work, address: str, telling: Connection) -> None:
             finally:
                 ray.shutdown()
         except Exception as error:
-            telling.send(_lost(address, _line(error, 0)))
+            telling.send(_line(error, 0))
 
 
 def _connect(ray: Any, address: str) -> None:
@@ -231,23 +226,40 @@ def _ended(ray: Any, work: Work) -> Iterator[tuple[int, Found]]:
     for index, job in enumerate(work.jobs):
         sources = job.sources if isinstance(job, TransferJob) else ()
         tasks[learn.remote(job, work.files, work.own, *map(sent.get, sources))] = index
+    node = ray.get_runtime_context().get_node_id()
     while tasks:
-        (ended,), _ = ray.wait(list(tasks), num_returns=1)
-        yield tasks.pop(ended), _found(ray, ended)
+        ended, _ = ray.wait(list(tasks), num_returns=1, timeout=LOOK)
+        if not ended:
+            _require_node(ray, node)
+        for each in ended:
+            yield tasks.pop(each), _found(ray, each)
+
+
+def _require_node(ray: Any, node: str) -> None:
+    """Asks that the driver's node is still one of the cluster's; Ray would wait for ever after a restart.
+
+    It is the asking alone that ends the driver where the cluster at the address is another one now.
+
+    Raises:
+        ConnectionError: If it isn't.
+    """
+    if not any(each["NodeID"] == node and each["Alive"] for each in ray.nodes()):
+        raise ConnectionError("the node that it was joined by is lost")
 
 
 def _found(ray: Any, ended: Any) -> Found:
     try:
         found: Found = ray.get(ended)
-    except ray.exceptions.RaySystemError:
-        raise
+    except (ray.exceptions.RaySystemError, ray.exceptions.LocalRayletDiedError):
+        raise  # it is the driver's own node that is lost
     except ray.exceptions.RayError as error:
         return PaddlectlError(f"it failed on the cluster: {_line(error, -1)}", "run it again")
     return found
 
 
 def _line(error: Exception, which: int) -> str:
-    lines = str(error).strip().splitlines() or [type(error).__name__]
+    told = error.details() if hasattr(error, "details") else str(error)  # as gRPC's errors have it
+    lines = f"{told}".strip().splitlines() or [type(error).__name__]
     return lines[which][:200]
 
 
