@@ -11,8 +11,8 @@ lost. What comes back is kept by the process that the user started, which outliv
 import importlib.util
 import logging
 import math
-import multiprocessing
 import os
+import secrets
 import signal
 import socket
 import sys
@@ -29,7 +29,7 @@ from paddlectl.errors import IntegrityError, NotFoundError, PaddlectlError
 from paddlectl.experiments.cores import permitted
 from paddlectl.experiments.jobs import Event, Failure, Job, Outcome, RandomJob, TrainJob, TransferJob
 from paddlectl.experiments.log import versions
-from paddlectl.experiments.processes import SIGNALS, end_with_parent, held_back
+from paddlectl.experiments.processes import SIGNALS, end_with_parent, held_back, spawning
 from paddlectl.registry.bundles import bundles
 from paddlectl.registry.store import Registry
 from paddlectl.tasks import suite
@@ -43,6 +43,8 @@ CONNECTED = 120.0  # and Ray must have taken up the driver
 LOOK = 10.0  # seconds without news until the cluster is asked whether it is still there
 ENDED = 10.0  # seconds that the driver may take to end
 CHECK = "check it with: ray status"
+UNREACHED = f"{CHECK}; Ray's version, RAY_AUTH_MODE and token must be the same here and there"
+LOST = f"{CHECK}; what has ended is kept, so run the same again"
 
 Found = bytes | PaddlectlError
 """The bundle of a run, or why there is none."""
@@ -84,17 +86,21 @@ def run_jobs(
     """
     if importlib.util.find_spec("ray") is None:
         raise PaddlectlError("Ray isn't installed", "run: pip install 'paddlectl[ray]'")
-    address = os.environ.get("RAY_ADDRESS", LOCAL) if address == LOCAL else address
+    address = (os.environ.get("RAY_ADDRESS") or LOCAL) if address == LOCAL else address
     _require_answer(address)
     outcomes: dict[int, Outcome] = {}
     with Registry.open(registry) as home, _driver(_work(jobs, home), address) as told:
         while len(outcomes) < len(jobs):
             wait([told])
             with held_back():
-                index, found = _heard(told, f"the Ray cluster {address} was lost")
+                index, found = _heard(told, f"{_name(address)} was lost", LOST)
                 outcomes[index] = _kept(home, found)
             tell(index, outcomes[index])
     return [outcomes[index] for index in range(len(jobs))]
+
+
+def _name(address: str) -> str:
+    return "this machine's Ray cluster" if address == LOCAL else f"the Ray cluster {address}"
 
 
 def _require_answer(address: str) -> None:
@@ -103,13 +109,13 @@ def _require_answer(address: str) -> None:
     Raises:
         PaddlectlError: If nobody does.
     """
-    if address in (LOCAL, "auto", "local"):
-        return
     host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not port.isdecimal():  # `ray`, or what else Ray finds itself
+        return
     try:
         socket.create_connection((host, int(port)), ANSWER).close()
-    except (OSError, OverflowError, ValueError) as error:
-        raise PaddlectlError(f"the Ray cluster {address} can't be reached: {error}", CHECK) from error
+    except (OSError, OverflowError) as error:
+        raise PaddlectlError(f"{_name(address)} can't be reached: {error}", CHECK) from error
 
 
 def _work(jobs: Sequence[Job], home: Registry) -> Work:
@@ -121,17 +127,16 @@ def _work(jobs: Sequence[Job], home: Registry) -> Work:
 @contextmanager
 def _driver(work: Work, address: str) -> Iterator[Connection]:
     """What a driver tells; with it ends all that still goes on there."""
-    context = multiprocessing.get_context("spawn")
+    context = spawning()
     told, telling = context.Pipe(duplex=False)
     driver = context.Process(target=_drive, args=(work, address, telling))
     with held_back():
         driver.start()
     telling.close()
     try:
-        unreached = f"the Ray cluster {address} can't be reached"
         if not told.poll(CONNECTED):
-            raise PaddlectlError(f"{unreached}: it doesn't answer", CHECK)
-        _heard(told, unreached)
+            raise PaddlectlError(f"{_name(address)} can't be reached: it doesn't answer", UNREACHED)
+        _heard(told, f"{_name(address)} can't be reached", UNREACHED)
         yield told
     finally:
         with held_back():
@@ -142,7 +147,7 @@ def _driver(work: Work, address: str) -> Iterator[Connection]:
             told.close()
 
 
-def _heard(told: Connection, otherwise: str) -> tuple[int, Found]:
+def _heard(told: Connection, otherwise: str, hint: str) -> tuple[int, Found]:
     """What the driver says next: a job's number and what became of it.
 
     Raises:
@@ -153,7 +158,7 @@ def _heard(told: Connection, otherwise: str) -> tuple[int, Found]:
     except (EOFError, OSError):
         said = "Ray ended the connection"
     if isinstance(said, str):
-        raise PaddlectlError(f"{otherwise}: {said}", f"{CHECK}; what has ended is kept, so run the same again")
+        raise PaddlectlError(f"{otherwise}: {said}", hint)
     index, found = said
     return index, found
 
@@ -187,34 +192,35 @@ def _drive(work: Work, address: str, telling: Connection) -> None:
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (1, 2):  # Ray's C++ writes there; its own logs have the same
         os.dup2(nowhere, stream)
-    with TemporaryDirectory() as folder:
-        # Ray makes modules of this folder and the program's importable on the nodes: a torch.py, say.
-        os.chdir(folder)
-        sys.argv = [""]
-        try:
-            import ray
+    # Ray makes modules of these places importable on the nodes: a torch.py, say, in the working folder.
+    os.chdir("/")
+    sys.argv = [""]
+    try:
+        import ray
 
-            try:
-                _connect(ray, address)
-                telling.send((-1, b""))
-                for index, found in _ended(ray, work):
-                    telling.send((index, found))
-            finally:
-                ray.shutdown()
-        except Exception as error:
-            telling.send(_line(error, 0))
+        os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing is told to Ray's makers
+        try:
+            _connect(ray, address)
+            telling.send((-1, b""))
+            for index, found in _ended(ray, work):
+                telling.send((index, found))
+        finally:
+            ray.shutdown()
+    except Exception as error:
+        telling.send(_line(error))
 
 
 def _connect(ray: Any, address: str) -> None:
     quiet = {"log_to_driver": False, "logging_level": logging.ERROR}
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing is told to Ray's makers
     if address != LOCAL:
         ray.init(address, **quiet)
         return
+    os.environ["RAY_AUTH_TOKEN"] = secrets.token_hex(32)  # or Ray keeps one at the user's home
     try:
-        ray.init("auto", **quiet)
-    except ConnectionError:  # there is none by `ray start`
-        ray.init("local", num_cpus=permitted(), include_dashboard=False, **quiet)
+        ray.init(num_cpus=permitted(), include_dashboard=False, **quiet)
+    except ValueError:  # there is one by `ray start`, which has its own CPUs
+        del os.environ["RAY_AUTH_TOKEN"]
+        ray.init(**quiet)
 
 
 def _ended(ray: Any, work: Work) -> Iterator[tuple[int, Found]]:
@@ -253,14 +259,17 @@ def _found(ray: Any, ended: Any) -> Found:
     except (ray.exceptions.RaySystemError, ray.exceptions.LocalRayletDiedError):
         raise  # it is the driver's own node that is lost
     except ray.exceptions.RayError as error:
-        return PaddlectlError(f"it failed on the cluster: {_line(error, -1)}", "run it again")
+        return PaddlectlError(f"it failed on the cluster: {_line(error)}", "run it again")
     return found
 
 
-def _line(error: Exception, which: int) -> str:
+def _line(error: BaseException) -> str:
+    """The last line of an error, or rather of the first one that led to it: there Ray says what it was."""
+    while error.__cause__:
+        error = error.__cause__
     told = error.details() if hasattr(error, "details") else str(error)  # as gRPC's errors have it
     lines = f"{told}".strip().splitlines() or [type(error).__name__]
-    return lines[which][:200]
+    return lines[-1][:200]
 
 
 # On a node

@@ -60,9 +60,7 @@ def run_jobs(
     Raises:
         KeyboardInterrupt: After the running ones were marked interrupted.
     """
-    os.environ["PYTHONSAFEPATH"] = "1"  # no file of the working folder is taken for one of Python's
-    context = multiprocessing.get_context("spawn")
-    resource_tracker.ensure_running()  # or the first start would do it, and let signals through after it
+    context = spawning()
     waiting = deque(enumerate(jobs))
     running: dict[Any, _Worker] = {}
     outcomes: dict[int, Outcome] = {}
@@ -99,6 +97,13 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
             raise outcome.error
         rows.append(outcome)
     return rows
+
+
+def spawning() -> SpawnContext:
+    """How processes are started, none before this."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # no file of the working folder is taken for one of Python's
+    resource_tracker.ensure_running()  # or the first start would do it, and let signals through after it
+    return multiprocessing.get_context("spawn")
 
 
 @contextmanager
