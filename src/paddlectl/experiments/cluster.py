@@ -288,7 +288,10 @@ def _learn(
             "install the same on all nodes",
         )
     try:
-        with TemporaryDirectory() as folder, Registry.open(Path(folder) / "registry") as registry:
+        with (
+            TemporaryDirectory(prefix="paddlectl-") as folder,
+            Registry.open(Path(folder) / "registry") as registry,
+        ):
             _add(files, Path(folder))
             if isinstance(job, TransferJob):
                 for source, bundle in zip(job.sources, sources, strict=True):
