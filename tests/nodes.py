@@ -18,15 +18,15 @@ MEMORY = 100 * 1024 * 1024
 
 
 class Nodes:
-    """A head without CPUs, and so many nodes of one CPU each.
+    """A head without CPUs, and so many nodes of one CPU each, or of more.
 
     Attributes:
         address: Of the head.
         client: Of the server for `ray://`.
     """
 
-    def __init__(self, count: int, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, count: int, folder: Path, cpus: int = 1) -> None:
+        self._folder, self._cpus = folder, cpus
         self._made = 0
         self._cluster: Any = None
         self._nodes: list[Any] = []
@@ -64,7 +64,9 @@ class Nodes:
         self._made += 1
         place = f"127.0.0.{FIRST + self._made}"
         with self._environment():
-            node = self._cluster.add_node(num_cpus=1, node_ip_address=place, object_store_memory=MEMORY)
+            node = self._cluster.add_node(
+                num_cpus=self._cpus, node_ip_address=place, object_store_memory=MEMORY
+            )
         self._nodes.append(node)
 
     def lose(self, number: int) -> bool:
@@ -102,10 +104,10 @@ class Nodes:
 
 
 @contextmanager
-def nodes(count: int) -> Iterator[Nodes]:
+def nodes(count: int, cpus: int = 1) -> Iterator[Nodes]:
     """For as long as the block."""
     folder = Path(tempfile.mkdtemp(prefix="ray-", dir="/tmp"))  # sockets have short names
-    made = Nodes(count, folder)
+    made = Nodes(count, folder, cpus)
     try:
         yield made
     finally:

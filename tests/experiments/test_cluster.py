@@ -29,6 +29,7 @@ from paddlectl.registry.care.deletion import chosen_runs, remove
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.tasks import suite
+from postgres import server
 from samples import ROOT
 
 pytest.importorskip("ray")
@@ -186,6 +187,18 @@ def test_tasks_of_files_are_known_there(two: Nodes, file: Path, tmp_path: Path) 
     jobs = [TrainJob(name, 0, FRAMES) for name in suite.add_file(file)]
     outcomes = cluster.run_jobs(jobs, str(tmp_path / "there"), ignored, two.address)
     require_same_as_at_home(jobs, outcomes, tmp_path / "there", tmp_path / "here")
+
+
+def test_a_registry_in_postgresql_is_opened_at_home_alone(two: Nodes, tmp_path: Path) -> None:
+    with server() as database:
+        location = database.new(tmp_path / "files")
+        with Registry.open(location) as registry:
+            source = random_source("BoxDoor", 3, registry)
+        jobs = [TransferJob(SCENARIO, (source.id,), "paddle", 0, FRAMES)]
+        (outcome,) = cluster.run_jobs(jobs, location, ignored, two.address)
+        assert isinstance(outcome, dict)
+        with Registry.open(location) as registry:
+            assert [run.status for run in registry.runs()] == ["finished"] * 2
 
 
 def test_a_cluster_that_isnt_there_is_told(tmp_path: Path) -> None:
