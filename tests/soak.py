@@ -44,6 +44,8 @@ TRIALS = {
     "stopped_runs": Trial("killed_runs", 10, 100),
     "stopped_commands": Trial("killed_runs", 10, 100),
     "killed_sweeps": Trial("killed_sweeps", 10, 50),
+    "lost_nodes": Trial("lost_nodes", 6, 60),
+    "lost_heads": Trial("lost_nodes", 4, 40),
     "orphans": Trial("lost_workers", 10, 100),
     "lost_workers": Trial("lost_workers", 10, 100),
     "stopped_every": Trial("equal_runs", 15, 250),

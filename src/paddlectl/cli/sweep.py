@@ -219,7 +219,8 @@ def _run_missing(
                 if (fail_fast and failed) or not (steps or now.elsewhere):
                     break
     except KeyboardInterrupt:
-        print(here(f"go on with: paddlectl sweep {line}"), file=sys.stderr)
+        place = f" --on {quoted(on)}" if on else ""
+        print(here(f"go on with: paddlectl sweep {line}{place}"), file=sys.stderr)
         raise
     lacking = {} if fail_fast and failed else now.lacking(tried, failed)
     return failed | {name: Failure(None, PaddlectlError(why)) for name, why in lacking.items()}

@@ -7,7 +7,8 @@ import sys
 from paddlectl.registry.index.addresses import secrets_of, without
 from paddlectl.registry.names import quoted
 
-_LOGIN = re.compile(r"(:/+|\w//).*@|(://)[^\s/@]*:[^@\s]*")  # the latter where a message was cut
+# The latter where a message was cut; a Ray cluster's address has no login.
+_LOGIN = re.compile(r"(:/+|\w//).*@|(?<!ray)(://)[^\s/@]*:[^@\s]*")
 _KEY = re.compile(r"((?:password|passwd|pwd)=)[^\s&\"']+", re.IGNORECASE)
 
 

@@ -34,7 +34,7 @@ from paddlectl.experiments.jobs import (
 from paddlectl.experiments.stop import Stop
 from paddlectl.tasks import suite
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE = 10.0  # seconds that a stopped process may take to mark its run
 
 
@@ -60,21 +60,19 @@ def run_jobs(
     Raises:
         KeyboardInterrupt: After the running ones were marked interrupted.
     """
-    os.environ["PYTHONSAFEPATH"] = "1"  # no file of the working folder is taken for one of Python's
-    context = multiprocessing.get_context("spawn")
-    resource_tracker.ensure_running()  # or the first start would do it, and let signals through after it
+    context = spawning()
     waiting = deque(enumerate(jobs))
     running: dict[Any, _Worker] = {}
     outcomes: dict[int, Outcome] = {}
     try:
         while waiting or running:
             while waiting and len(running) < (workers or permitted()):
-                with _held_back():
+                with held_back():
                     worker = _Worker(context, *waiting.popleft(), registry, every)
                     running[worker.events] = worker
             for events in wait(list(running)):
                 worker = running[events]
-                with _held_back():
+                with held_back():
                     event = worker.hear()
                     if isinstance(event, dict | Failure):
                         outcomes[worker.index] = event
@@ -83,7 +81,7 @@ def run_jobs(
                 tell(worker.index, event)
         return [outcomes[index] for index in range(len(jobs))]
     finally:
-        with _held_back():
+        with held_back():
             _stop(running.values(), tell)
 
 
@@ -101,18 +99,25 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
     return rows
 
 
+def spawning() -> SpawnContext:
+    """How processes are started, none before this."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # no file of the working folder is taken for one of Python's
+    resource_tracker.ensure_running()  # or the first start would do it, and let signals through after it
+    return multiprocessing.get_context("spawn")
+
+
 @contextmanager
-def _held_back() -> Iterator[None]:
+def held_back() -> Iterator[None]:
     """No signal to stop comes through meanwhile, nor ever to a process that is started in here.
 
     A terminal sends ^C, or that it was closed, to all of them at once; were a run's process stopped by it
     and by its parent, the second signal could strike while it marks its run.
     """
-    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 
 class _Worker:
@@ -244,7 +249,7 @@ def _done(job: Job, registry: str, line: _Line, stop: Stop, every: float | None)
     signal.pthread_sigmask(
         signal.SIG_UNBLOCK, {signal.SIGTERM}
     )  # not before: torch's import can't be stopped
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
     checkpointer = Checkpointer(
         EVERY if every is None else every,
@@ -264,7 +269,7 @@ def _done(job: Job, registry: str, line: _Line, stop: Stop, every: float | None)
         return resume(job.run, opened, line.send_if_room, checkpointer)
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """Asks this process to end, as by SIGTERM, once the one that started it is gone."""
     parent = multiprocessing.parent_process()
     assert parent is not None
