@@ -164,7 +164,7 @@ def test_its_methods_keep_what_every_method_promises(installed: Path, name: str)
         check(name, "discrete")
 
 
-@pytest.mark.parametrize("line", ["tasks --json", "similarity --target CoinCorridor"])
+@pytest.mark.parametrize("line", ["tasks --json", "similarity --target CoinCorridor", "transfer A"])
 def test_what_is_only_looked_at_loads_no_torch(toys: Path, tmp_path: Path, line: str) -> None:
     code = "import sys; from paddlectl.cli.app import main; main(); sys.exit('torch' in sys.modules)"
     environment = os.environ | {
@@ -176,7 +176,7 @@ def test_what_is_only_looked_at_loads_no_torch(toys: Path, tmp_path: Path, line:
         [sys.executable, "-c", code, *line.split()], env=environment, capture_output=True, text=True
     )
     assert done.returncode == 0
-    assert "CoinCorridor" in done.stdout or "run: paddlectl train ExitCorridor" in done.stderr
+    assert "CoinCorridor" in done.stdout or "run: paddlectl train " in done.stderr
 
 
 def test_no_built_in_name_is_looked_for_elsewhere(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
