@@ -14,6 +14,7 @@ import pytest
 import safetensors.torch
 
 import paddlectl
+from hurried import hurry
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments import processes
 from paddlectl.experiments.jobs import Begun, Failure, Note, Progress, TrainJob, TransferJob
@@ -26,6 +27,7 @@ from paddlectl.scenario import Scenario
 from paddlectl.tasks.suite import load
 from samples import ROOT
 from schemas import require_row
+from trials.runs import small
 
 FRAMES = HybridSettings().num_envs * HybridSettings().rollout_steps  # of one block
 
@@ -71,7 +73,8 @@ def test_rows_are_as_train_tells_them(trained):
 
 
 def test_a_run_from_python_learns_the_same(trained, tmp_path):
-    result = paddlectl.train("BlockedDoor", seed=0, frames=1, registry=tmp_path / "registry")
+    with small():
+        result = paddlectl.train("BlockedDoor", seed=0, frames=1, registry=tmp_path / "registry")
     ours = Registry.open(tmp_path / "registry").policy(result.policy.id)
     theirs = trained.registry.policy(trained.rows[1]["policy"])
     assert (ours.task, ours.checkpoint, ours.program) == (theirs.task, theirs.checkpoint, theirs.program)
@@ -143,8 +146,9 @@ def add_damaged_source(registry, trained):
     )
 
 
-def test_a_job_that_fails_or_is_lost_stops_no_other(tmp_path, trained):
+def test_a_job_that_fails_or_is_lost_stops_no_other(tmp_path, trained, monkeypatch):
     """One fails, one's process is killed, one is stopped by itself; the last one goes on."""
+    hurry(monkeypatch, tmp_path)
     with Registry.open(tmp_path / "registry") as registry:
         damaged = add_damaged_source(registry, trained)
     scenario = Scenario(name="A", target="BlockedBoxUnlockPickup", sources=("GapBall",))
