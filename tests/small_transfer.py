@@ -1,6 +1,7 @@
 """Small settings for a transfer, and a transfer in a process of its own:
 
-python small_transfer.py REGISTRY MODE SEED POLICY... prints the SHA-256 of the learned checkpoint.
+python small_transfer.py REGISTRY MODE SEED POLICY... prints the SHA-256 of the learned checkpoint, and
+whether that loaded torch's compiler.
 """
 
 import sys
@@ -46,7 +47,7 @@ def main(location: str, mode: str, seed: str, *reused: str) -> None:
         setattr(module, name, value)
     with Registry.open(location) as registry:
         row: dict[str, Any] = run_transfer(job(reused, mode, seed=int(seed)), registry, lambda _: None)
-        print(registry.policy(row["policy"]).checkpoint)
+        print(registry.policy(row["policy"]).checkpoint, "torch._dynamo" in sys.modules)
 
 
 if __name__ == "__main__":

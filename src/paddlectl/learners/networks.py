@@ -1,9 +1,22 @@
 """The paper's networks: three fully connected layers of 400 ReLU units (Table 1)."""
 
+import inspect
 import math
 
 import torch
 from torch import nn
+from torch.optim import Optimizer
+
+# Optimisers load torch's compiler only to say that it is to leave them alone: a second, and 70 MB a process.
+# These take themselves for what that would have given; gradient_step goes past the rest of it.
+for _function in (
+    Optimizer.add_param_group,
+    Optimizer.zero_grad,
+    Optimizer.state_dict,
+    Optimizer.load_state_dict,
+):
+    _plain = inspect.unwrap(_function)
+    _plain.__dynamo_disable = _plain
 
 HIDDEN = (400, 400, 400)
 _CODE_WEIGHT = 2.0  # beside the coordinates, which lie in [-1, 1]
@@ -83,16 +96,15 @@ def _linear(inputs: int, outputs: int, gain: float) -> nn.Linear:
     return layer
 
 
-def gradient_step(
-    optimiser: torch.optim.Optimizer, loss: torch.Tensor, max_norm: float | None = None
-) -> None:
+def gradient_step(optimiser: Optimizer, loss: torch.Tensor, max_norm: float | None = None) -> None:
     """One descent step on `loss`, its gradient's norm cut to `max_norm`."""
     optimiser.zero_grad(set_to_none=True)
     loss.backward()  # type: ignore[no-untyped-call]
     if max_norm is not None:
         parameters = [p for group in optimiser.param_groups for p in group["params"]]
         nn.utils.clip_grad_norm_(parameters, max_norm)
-    optimiser.step()
+    with torch.no_grad():
+        inspect.unwrap(type(optimiser).step)(optimiser)
 
 
 def load_named(networks: nn.Module, state: dict[str, torch.Tensor]) -> None:
