@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -27,6 +26,7 @@ from paddlectl.scenario import Scenario
 from paddlectl.tasks.suite import load
 from samples import ROOT
 from schemas import require_row
+from trials.children import jobs_at_work
 from trials.runs import small
 
 FRAMES = HybridSettings().num_envs * HybridSettings().rollout_steps  # of one block
@@ -178,16 +178,6 @@ def test_a_job_that_fails_or_is_lost_stops_no_other(tmp_path, trained, monkeypat
         rows_of(outcomes)
 
 
-def process_ids():
-    """Of the processes that run jobs, whoever started them, by their parent."""
-    found = {}
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if b"spawn_main" in (folder / "cmdline").read_bytes():
-                found[int(folder.name)] = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
-    return found
-
-
 @pytest.mark.skipif(not Path("/proc").exists(), reason="there is no /proc to find processes in")
 def test_a_process_whose_parent_was_killed_keeps_a_checkpoint_and_is_gone(tmp_path):
     line = [sys.executable, "-m", "paddlectl", "train", "BlockedDoor", "--frames", "9999999"]
@@ -198,10 +188,10 @@ def test_a_process_whose_parent_was_killed_keeps_a_checkpoint_and_is_gone(tmp_pa
     )
     run = tmp_path / "registry" / "runs" / "run-1"
     wait_until((run / "progress.jsonl").exists)
-    (worker,) = [child for child, owner in process_ids().items() if owner == parent.pid]
+    (worker,) = [child for child, owner in jobs_at_work().items() if owner == parent.pid]
     parent.kill()
     parent.wait()
-    wait_until(lambda: worker not in process_ids())
+    wait_until(lambda: worker not in jobs_at_work())
     assert any((run / "checkpoints").glob("*.json"))
     with Registry.open(tmp_path / "registry", create=False) as registry:
         assert registry.run("run-1").status == "interrupted"
