@@ -181,6 +181,10 @@ def test_a_job_that_fails_or_is_lost_stops_no_other(tmp_path, trained, monkeypat
 @pytest.mark.skipif(not Path("/proc").exists(), reason="there is no /proc to find processes in")
 def test_a_process_whose_parent_was_killed_keeps_a_checkpoint_and_is_gone(tmp_path):
     line = [sys.executable, "-m", "paddlectl", "train", "BlockedDoor", "--frames", "9999999"]
+    line += [
+        "--set",
+        "num_envs=8",
+    ]  # a round must end soon, even on a busy machine, for the checkpoint to be kept
     parent = subprocess.Popen(
         [*line, "--registry", str(tmp_path / "registry")],
         env=os.environ | {"PYTHONPATH": str(ROOT / "src")},

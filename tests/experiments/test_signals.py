@@ -14,11 +14,13 @@ from paddlectl.registry.store import Registry
 from samples import ROOT
 from trials.children import jobs_at_work
 
-BLOCK = HybridSettings().num_envs * HybridSettings().rollout_steps
+LANES = 8  # so that a round ends soon
+BLOCK = LANES * HybridSettings().rollout_steps
 
 
 def train(registry):
     line = [sys.executable, "-m", "paddlectl", "train", "BlockedDoor", "--frames", "9999999"]
+    line += ["--set", f"num_envs={LANES}"]
     return subprocess.Popen(
         [*line, "--registry", str(registry)],
         env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
