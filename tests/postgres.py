@@ -3,6 +3,7 @@
 import os
 import pwd
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -79,7 +80,7 @@ def server() -> Iterator[Server]:
             _wait(folder, process)
             yield Server(folder, programs)
         finally:
-            process.terminate()
+            process.send_signal(signal.SIGQUIT)  # at once: nothing is written that is thrown away then
             process.wait(20)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

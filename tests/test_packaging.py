@@ -109,9 +109,9 @@ def test_the_tour_runs_where_it_is_installed(wheel: Path, tmp_path: Path) -> Non
     assert Path(file).is_relative_to(packages) and scenarios == "5"
     assert typed("--version").startswith("paddlectl 0.")
     assert "BlockedBoxUnlockPickup" in typed("tasks")
-    assert "policy-1" in typed("train BlockedDoor --frames 2048")
-    assert "Scenario A: BlockedBoxUnlockPickup" in typed("transfer A --method hdm --seed 0 --frames 2048")
-    assert "run-2: hdm on BlockedBoxUnlockPickup" in typed("explain latest")
+    assert "Scenario A: BlockedBoxUnlockPickup" in typed("transfer A --method hdm --seed 0 --frames 1")
+    assert "run-1: hdm on BlockedBoxUnlockPickup" in typed("explain latest")
+    assert "policy-1" in typed("policies")
 
 
 def needed() -> dict[str, list[Requirement]]:

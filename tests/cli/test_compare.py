@@ -1,5 +1,6 @@
 """`compare`, of a registry's runs and of a file of results."""
 
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -50,14 +51,23 @@ def add(
     return run.id
 
 
+@pytest.fixture(scope="module")
+def many(_made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("many") / "registry"
+    shutil.copytree(_made, place)
+    with Registry.open(place) as registry:
+        for seed in range(4):
+            add(registry, "paddle", seed, 0.8 + seed / 100)
+            add(registry, "cup", seed, 0.6 + seed / 100)
+            add(registry, "cup", seed, 0.5, scenario="B", task="OpenGoal")
+    return place
+
+
 @pytest.fixture
-def compared(registry: Registry) -> Registry:
+def compared(many: Path, tmp_path: Path) -> Registry:
     """Scenario A by two methods with four seeds, B by one."""
-    for seed in range(4):
-        add(registry, "paddle", seed, 0.8 + seed / 100)
-        add(registry, "cup", seed, 0.6 + seed / 100)
-        add(registry, "cup", seed, 0.5, scenario="B", task="OpenGoal")
-    return registry
+    shutil.copytree(many, tmp_path / "registry")
+    return Registry.open(tmp_path / "registry")
 
 
 A = ("--scenario", "A", "--task", TARGET)

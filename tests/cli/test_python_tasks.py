@@ -1,6 +1,5 @@
 """`--tasks FILE.py`: a user's own tasks by their file, whose code is run where the command line says so."""
 
-import json
 import os
 import re
 import signal
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import inline
 import paddlectl
 from paddlectl import plugins
 from paddlectl.experiments.jobs import TrainJob
@@ -58,8 +58,21 @@ def file(tmp_path: Path) -> Iterator[Path]:
     (tmp_path / "lake.py").write_text(LAKE)
     (tmp_path / "cab.py").write_text(CAB.replace('{"Cab": CAB}', '{"Cab": CAB, "Van": CAB}'))
     yield tmp_path / "cab.py"
+    forget_files()
+
+
+def forget_files() -> None:
+    """As a new process is, which has loaded none."""
     plugins._files.clear()
     suite.PLUGINS._of_files.clear()
+
+
+@pytest.fixture
+def few(command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Command:
+    """Runs a command line in the tasks' folder, its jobs too in this process; with few lanes."""
+    monkeypatch.setattr("paddlectl.experiments.processes.run_jobs", inline.run_jobs)
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: command(*words, *FEW.split())
 
 
 def shell(folder: Path, *arguments: object) -> subprocess.Popen[str]:
@@ -73,18 +86,11 @@ def shell(folder: Path, *arguments: object) -> subprocess.Popen[str]:
     )
 
 
-def done(folder: Path, line: str, code: int = 0) -> tuple[str, str]:
-    process = shell(folder, *line.split())
-    out, err = process.communicate(timeout=120)
-    assert process.returncode == code, err
-    return out, err
-
-
 def test_the_example_is_short() -> None:
     assert len(CAB.splitlines()) <= 40
 
 
-def test_from_training_to_a_transfer(file: Path, command: Command) -> None:
+def test_from_training_to_a_transfer(file: Path, command: Command, few: Command) -> None:
     folder = file.parent
     (folder / "lake.yaml").write_text(SCENARIO)
     learning = shell(folder, *f"train Lake --tasks lake.py --frames 1e6 --checkpoint-every 0 {FEW}".split())
@@ -106,8 +112,8 @@ def test_from_training_to_a_transfer(file: Path, command: Command) -> None:
     )
     assert "'Lake'" in command("transfer", folder / "lake.yaml").err, "no scenario names code"
     Registry.open(folder / "registry").close()
-    out, err = done(folder, f"transfer lake.yaml --tasks=lake.py --train-missing {FEW} --frames 64 --json")
-    run = json.loads(out)["runs"][0]["run"]
+    line = "transfer lake.yaml --tasks=lake.py --train-missing --frames 64 --json"
+    run = few(*line.split()).json["runs"][0]["run"]
     with Registry.open(folder / "registry") as registry:
         assert re.fullmatch("[0-9a-f]{12}", registry.run(run).versions["lake.py"])
         assert "is_low(agent)" in str(registry.policy("Pond").program)
@@ -219,8 +225,9 @@ def test_a_listing_plays_the_tasks_of_a_file_a_little(file: Path, command: Comma
     assert answer.code == 1 and "division by zero" in answer.err, "true in the first state alone"
 
 
-def test_its_policy_is_there_for_python(file: Path, tmp_path: Path) -> None:
-    done(file.parent, f"train Lake --tasks lake.py --frames 64 {FEW}")
+def test_its_policy_is_there_for_python(file: Path, few: Command, tmp_path: Path) -> None:
+    assert few("train", "Lake", "--tasks", "lake.py", "--frames", 64).code == 0
+    forget_files()
     with pytest.raises(paddlectl.IntegrityError) as lacking:
         paddlectl.load("policy-1", tmp_path / "registry")
     assert "paddlectl.add_tasks(FILE)" in str(lacking.value.hint)
@@ -230,12 +237,17 @@ def test_its_policy_is_there_for_python(file: Path, tmp_path: Path) -> None:
         paddlectl.add_tasks(tmp_path / "nowhere.py")
 
 
-def test_what_fails_while_it_learns_is_told_with_its_line(file: Path) -> None:
+def test_what_fails_while_it_learns_is_told_with_its_line(file: Path, few: Command) -> None:
     file.write_text(CAB.replace("state[0][2] == state[0][3]", "state[0][2] == state[0][4]"))
-    err = done(file.parent, f"train Cab --tasks cab.py --frames 64 {FEW}", 1)[1]
+    code, _, err = few("train", "Cab", "--tasks", "cab.py", "--frames", 64)
     line = 1 + file.read_text().splitlines().index("    return state[0][2] == state[0][4]")
     error, hint = err.splitlines()[-2:]
-    assert error.startswith("error: ") and f"(cab.py, line {line})" in error and "IndexError" in error
+    assert (
+        code == 1
+        and error.startswith("error: ")
+        and f"(cab.py, line {line})" in error
+        and "IndexError" in error
+    )
     assert hint == "mend the task"
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 import inline
+from hurried import hurry
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.jobs import Failure
 from paddlectl.registry.store import Registry
@@ -97,7 +98,10 @@ def test_a_shipped_study_is_told_by_its_name(command: Command) -> None:
     assert answer.out.endswith("run it: paddlectl sweep paper/fig6a --seeds 0\n")
 
 
-def test_each_of_its_runs_has_a_process_of_its_own(command: Command, tmp_path: Path) -> None:
+def test_each_of_its_runs_has_a_process_of_its_own(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hurry(monkeypatch, tmp_path)
     done = command("sweep", study(tmp_path, "hdm"))
     assert done.code == 0 and done.out.startswith("small: 1 cells: 1 finished\n")
     (run,) = Registry.open(tmp_path / "registry").runs()

@@ -6,12 +6,13 @@ from typing import Any, NamedTuple
 import pytest
 
 import inline
+from hurried import hurry
 from paddlectl.experiments.jobs import Event, TrainJob
 from paddlectl.experiments.processes import rows_of, run_jobs
 from paddlectl.registry.store import Registry
 
 JOBS = (TrainJob("GapBall", 0, 1), TrainJob("BlockedDoor", 0, 1))
-"""One block of frames each."""
+"""One block of frames each, evaluated on few layouts."""
 
 
 class Trained(NamedTuple):
@@ -24,9 +25,12 @@ class Trained(NamedTuple):
 
 @pytest.fixture(scope="session")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Trained:
-    location = str(tmp_path_factory.mktemp("trained") / "registry")
+    folder = tmp_path_factory.mktemp("trained")
+    location = str(folder / "registry")
     told: list[tuple[int, Event]] = []
-    rows = rows_of(run_jobs(JOBS, location, lambda index, event: told.append((index, event)), workers=2))
+    with pytest.MonkeyPatch.context() as patch:
+        hurry(patch, folder)
+        rows = rows_of(run_jobs(JOBS, location, lambda index, event: told.append((index, event)), workers=2))
     return Trained(rows, told, Registry.open(location, create=False))
 
 

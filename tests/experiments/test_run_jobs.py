@@ -7,13 +7,13 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import safetensors.torch
 
 import paddlectl
+from hurried import hurry
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments import processes
 from paddlectl.experiments.jobs import Begun, Failure, Note, Progress, TrainJob, TransferJob
@@ -26,6 +26,8 @@ from paddlectl.scenario import Scenario
 from paddlectl.tasks.suite import load
 from samples import ROOT
 from schemas import require_row
+from trials.children import jobs_at_work
+from trials.runs import small
 
 FRAMES = HybridSettings().num_envs * HybridSettings().rollout_steps  # of one block
 
@@ -71,7 +73,8 @@ def test_rows_are_as_train_tells_them(trained):
 
 
 def test_a_run_from_python_learns_the_same(trained, tmp_path):
-    result = paddlectl.train("BlockedDoor", seed=0, frames=1, registry=tmp_path / "registry")
+    with small():
+        result = paddlectl.train("BlockedDoor", seed=0, frames=1, registry=tmp_path / "registry")
     ours = Registry.open(tmp_path / "registry").policy(result.policy.id)
     theirs = trained.registry.policy(trained.rows[1]["policy"])
     assert (ours.task, ours.checkpoint, ours.program) == (theirs.task, theirs.checkpoint, theirs.program)
@@ -143,8 +146,9 @@ def add_damaged_source(registry, trained):
     )
 
 
-def test_a_job_that_fails_or_is_lost_stops_no_other(tmp_path, trained):
+def test_a_job_that_fails_or_is_lost_stops_no_other(tmp_path, trained, monkeypatch):
     """One fails, one's process is killed, one is stopped by itself; the last one goes on."""
+    hurry(monkeypatch, tmp_path)
     with Registry.open(tmp_path / "registry") as registry:
         damaged = add_damaged_source(registry, trained)
     scenario = Scenario(name="A", target="BlockedBoxUnlockPickup", sources=("GapBall",))
@@ -174,19 +178,13 @@ def test_a_job_that_fails_or_is_lost_stops_no_other(tmp_path, trained):
         rows_of(outcomes)
 
 
-def process_ids():
-    """Of the processes that run jobs, whoever started them, by their parent."""
-    found = {}
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if b"spawn_main" in (folder / "cmdline").read_bytes():
-                found[int(folder.name)] = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
-    return found
-
-
 @pytest.mark.skipif(not Path("/proc").exists(), reason="there is no /proc to find processes in")
 def test_a_process_whose_parent_was_killed_keeps_a_checkpoint_and_is_gone(tmp_path):
     line = [sys.executable, "-m", "paddlectl", "train", "BlockedDoor", "--frames", "9999999"]
+    line += [
+        "--set",
+        "num_envs=8",
+    ]  # a round must end soon, even on a busy machine, for the checkpoint to be kept
     parent = subprocess.Popen(
         [*line, "--registry", str(tmp_path / "registry")],
         env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
@@ -194,10 +192,10 @@ def test_a_process_whose_parent_was_killed_keeps_a_checkpoint_and_is_gone(tmp_pa
     )
     run = tmp_path / "registry" / "runs" / "run-1"
     wait_until((run / "progress.jsonl").exists)
-    (worker,) = [child for child, owner in process_ids().items() if owner == parent.pid]
+    (worker,) = [child for child, owner in jobs_at_work().items() if owner == parent.pid]
     parent.kill()
     parent.wait()
-    wait_until(lambda: worker not in process_ids())
+    wait_until(lambda: worker not in jobs_at_work())
     assert any((run / "checkpoints").glob("*.json"))
     with Registry.open(tmp_path / "registry", create=False) as registry:
         assert registry.run("run-1").status == "interrupted"

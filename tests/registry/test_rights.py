@@ -5,6 +5,7 @@ import pwd
 import stat
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -44,13 +45,17 @@ def umask() -> Iterator[Callable[[int], int]]:
 
 
 @pytest.fixture
-def shared(tmp_path: Path, umask: Callable[[int], int]) -> Path:
-    """A folder of a group, as its administrator makes it, where all else is private."""
-    folder = tmp_path / "registry"
-    folder.mkdir()
-    folder.chmod(0o2770)
-    umask(0o077)
-    return folder
+def shared(umask: Callable[[int], int]) -> Iterator[Path]:
+    """A folder of a group, as its administrator makes it, where all else is private.
+
+    Not below `tmp_path`: any other run of pytest takes from others the right to what lies there.
+    """
+    with tempfile.TemporaryDirectory() as own:
+        folder = Path(own) / "registry"
+        folder.mkdir()
+        folder.chmod(0o2770)
+        umask(0o077)
+        yield folder
 
 
 def filled(place: Path, filler: Any) -> None:
@@ -120,9 +125,7 @@ def test_where_all_may_write_but_only_to_their_own_nobody_may_write_to_anothers(
 
 def as_another(code: str, place: Path, group: int = GROUP) -> list[str]:
     """What code prints as a user of that group alone, with a umask of 077."""
-    for folder in place.parents:
-        if folder.stat().st_uid == os.getuid() and "pytest" in str(folder):
-            folder.chmod(folder.stat().st_mode | 0o055)
+    place.parent.chmod(0o755)
     line = [sys.executable, "-c", AS_ANOTHER + code, str(NOBODY), str(group), str(place)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(line, capture_output=True, text=True, env=environment, check=False)

@@ -1,7 +1,5 @@
 """ψ and Ψ against tables worked by hand, with body_weight 0.8 and head_weight 0.2 unless said."""
 
-import time
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -9,6 +7,7 @@ from hypothesis import strategies as st
 from paddlectl.logic.atoms import Literal, Predicate
 from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_clause
+from paddlectl.transfer import similarity as module
 from paddlectl.transfer.similarity import SceneMatch, map_scenes, similarity
 
 
@@ -216,9 +215,10 @@ def test_mapping_agrees_with_similarity(target, programs):
         assert mapping.self_similarity(each.body) == max((match.similarity for match in row), default=0.0)
 
 
-def test_many_sources_with_few_programs_are_matched_quickly():
-    sources = {f"policy-{index}": list((DOOR_BALL, BOX_DOOR)[index % 2]) for index in range(100_000)}
-    began = time.process_time()
+def test_of_many_sources_with_few_programs_each_program_is_matched_once(monkeypatch):
+    matched, usual = [], module._best_scenes
+    monkeypatch.setattr(module, "_best_scenes", lambda *given: matched.append(given) or usual(*given))
+    sources = {f"policy-{index}": list((DOOR_BALL, BOX_DOOR)[index % 2]) for index in range(1000)}
     mapping = map_scenes([NO_KEY, KEY, OPEN], sources)
-    assert time.process_time() - began < 5.0
-    assert len(mapping.rows[KEY.body]) == 100_000
+    assert [match.policy for match in mapping.rows[KEY.body]] == list(sources)
+    assert len(matched) == 3 * 2  # scenes, programs

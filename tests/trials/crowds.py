@@ -15,7 +15,7 @@ from paddlectl.registry.care.check import check
 from paddlectl.registry.schema import runs
 from paddlectl.registry.store import Registry
 from released import rebuilt
-from trials.killed_runs import child
+from trials.children import child
 from trials.killed_writers import END, PLAIN
 
 WRITERS, READERS, MAKERS = 64, 4, 16

@@ -6,7 +6,7 @@ import random
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,14 +16,11 @@ import numpy as np
 import safetensors.numpy
 
 from paddlectl.errors import PaddlectlError
-from paddlectl.experiments.checkpointer import Checkpointer
-from paddlectl.experiments.resuming import resume
 from paddlectl.registry.bundles import bundles
 from paddlectl.registry.care.check import check
 from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from trials.killed_writers import write_one
-from trials.runs import add_sources, begin, ended, quiet, small
 
 SIZE = 192 << 20
 ARRAYS = safetensors.numpy.save({"x": np.zeros(100)})
@@ -141,38 +138,69 @@ def full_disk(count: int, seed: int, folder: Path) -> dict[str, Any]:
 def full_disk_within(count: int, seed: int, folder: Path) -> dict[str, Any]:
     """Three of four points strike single writes, the fourth a run, which then goes on once there is space."""
     dice = random.Random(seed)
-    struck = runs = 0
-    place = folder / "registry"
-    with small():
-        registry = _with_sources(place)
-        whole = ended(registry, begin("paddle default", registry, Checkpointer(0.0))["run"])
-        for point in range(count):
-            if _free(folder) < SIZE // 2:  # by what the trial itself has written
-                shutil.rmtree(place)
-                registry = _with_sources(place)
-            before = {run.id for run in registry.runs()}
-            work = _a_run if point % 4 == 3 else _a_few_writes
-            _fill(folder, dice.randrange(1, 60_000_000 if work is _a_run else 40_000))
-            struck += _refused(work, registry)
-            assert not check(place).faults, check(place).faults
-            (folder / "filler").unlink()
-            for run in registry.runs():
-                if run.id not in before and run.task == whole["run"]["task"] and run.status != "finished":
+    struck, resumed, place = 0, 0, folder / "registry"
+    runs = _Runs() if count > 3 else None
+    registry = _emptied(place, runs)
+    for point in range(count):
+        if _free(folder) < SIZE // 2:  # by what the trial itself has written
+            registry = _emptied(place, runs)
+        before = {run.id for run in registry.runs()}
+        work = runs.begin if runs and point % 4 == 3 else _a_few_writes
+        _fill(folder, dice.randrange(1, 40_000 if work is _a_few_writes else 60_000_000))
+        struck += _refused(work, registry)
+        assert not check(place).faults, check(place).faults
+        (folder / "filler").unlink()
+        if runs:
+            resumed += runs.go_on(registry, before)
+        assert not check(place, read_data=True).faults
+    return {"points": count, "struck": struck, "runs_resumed": resumed, "lost": 0, "different": 0}
+
+
+class _Runs:
+    """Runs of one kind, which all end alike. To learn takes torch, which who only writes doesn't load."""
+
+    def __init__(self) -> None:
+        self._whole: dict[str, Any] = {}
+
+    def begin(self, registry: Registry) -> None:
+        from paddlectl.experiments.checkpointer import Checkpointer
+        from trials.runs import begin, ended, small
+
+        with small():
+            run = begin("paddle default", registry, Checkpointer(0.0))["run"]
+        self._whole = self._whole or ended(registry, run)
+
+    def add_sources(self, registry: Registry) -> None:
+        """They come first; and so does, once, a run on a disk that has space."""
+        from trials.runs import add_sources, small
+
+        with small():
+            add_sources(registry)
+        if not self._whole:
+            self.begin(registry)
+
+    def go_on(self, registry: Registry, before: Collection[str]) -> int:
+        """With those that are new and have stopped; how many they were."""
+        from paddlectl.experiments.checkpointer import Checkpointer
+        from paddlectl.experiments.resuming import resume
+        from trials.runs import ended, quiet, small
+
+        resumed = 0
+        for run in registry.runs():
+            if run.id not in before and run.task == self._whole["run"]["task"] and run.status != "finished":
+                with small():
                     resume(run.id, registry, quiet, Checkpointer(0.0))
-                    assert ended(registry, run.id) == whole
-                    runs += 1
-            assert not check(place, read_data=True).faults
-    return {"points": count, "struck": struck, "runs_resumed": runs, "lost": 0, "different": 0}
+                assert ended(registry, run.id) == self._whole
+                resumed += 1
+        return resumed
 
 
-def _with_sources(place: Path) -> Registry:
+def _emptied(place: Path, runs: _Runs | None) -> Registry:
+    shutil.rmtree(place, ignore_errors=True)
     registry = Registry.open(place)
-    add_sources(registry)
+    if runs:
+        runs.add_sources(registry)
     return registry
-
-
-def _a_run(registry: Registry) -> None:
-    begin("paddle default", registry, Checkpointer(0.0))
 
 
 def _a_few_writes(registry: Registry) -> None:

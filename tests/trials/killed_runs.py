@@ -14,20 +14,8 @@ from paddlectl.experiments.resuming import resume
 from paddlectl.registry.care.check import check
 from paddlectl.registry.store import Registry
 from samples import ROOT
+from trials.children import child
 from trials.runs import KINDS, add_sources, begin, ended, quiet, small
-
-
-def child(work: Any, *given: Any) -> int:
-    """Starts work in a forked process; torch is loaded already, so it is at it within milliseconds."""
-    process = os.fork()
-    if process:
-        return process
-    try:
-        work(*given)
-        os._exit(0)
-    except BaseException as error:
-        print(f"{type(error).__name__}: {error}", flush=True)
-    os._exit(1)
 
 
 def _begin(location: Path, kind: str) -> None:

@@ -18,7 +18,7 @@ from paddlectl.registry.care.garbage import collect
 from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from released import rebuilt
-from trials.killed_runs import child
+from trials.children import child
 
 PLAIN: dict[str, Any] = {"kind": "train", "method": "hdm", "task": "BoxDoor", "scenario": None, "sources": []}
 FIGURES: dict[str, Any] = {"success_rate": 0.5, "mean_score": 0.5, "mean_length": 1.0, "crispness": 1.0}

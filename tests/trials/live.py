@@ -18,7 +18,7 @@ from paddlectl.registry.care.repair import repair
 from paddlectl.registry.store import Registry
 from paddlectl.report.explanation import explanation_document
 from paddlectl.report.programs import program_document
-from trials.killed_runs import child
+from trials.children import child
 
 ROUNDS = 5
 END: dict[str, Any] = {"frames": 10, "episodes": 2, "seconds": 1.5, "results": {"success_rate": 0.5}}

@@ -4,14 +4,16 @@ The loop (`agents.interaction`) owns the environment's steps. An agent owns ever
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from paddlectl.logic.clauses import Program
 from paddlectl.tasks.base import Environment, Ints, Step, Task
+
+if TYPE_CHECKING:
+    import torch  # a second of loading, which who only reads a scenario is spared
 
 TARGET_NAME = "target"
 """Stands for the learner itself among its sources."""
@@ -113,10 +115,10 @@ class Policy(Protocol):
     def settings_document(self) -> dict[str, Any]:
         """Its settings as JSON-able values, for it to be revived by."""
 
-    def state(self) -> dict[str, torch.Tensor]:
+    def state(self) -> "dict[str, torch.Tensor]":
         """All tensors by name."""
 
-    def load(self, state: dict[str, torch.Tensor]) -> None:
+    def load(self, state: "dict[str, torch.Tensor]") -> None:
         """Takes all tensors from `state`."""
 
 

@@ -8,7 +8,6 @@ from typing import NamedTuple
 from paddlectl import whole
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.experiments.jobs import TrainJob
-from paddlectl.experiments.policies import task_of
 from paddlectl.experiments.similar import Similar, most_similar
 from paddlectl.methods.catalogue import teacher_of, teachers_of
 from paddlectl.registry.names import is_id
@@ -16,7 +15,7 @@ from paddlectl.registry.records import Content, PolicyRecord
 from paddlectl.registry.store import Registry
 from paddlectl.scenario import Scenario
 from paddlectl.tasks.base import Task
-from paddlectl.tasks.naming import content, typed
+from paddlectl.tasks.naming import content, kept, typed
 from paddlectl.tasks.suite import AnyTask, known, load, usable
 
 ANY = 0
@@ -241,7 +240,7 @@ def _named(
     if policy.method not in teachers:
         teaches = teachers[0]
         by = f"{name} was learned by {policy.method}; {method} reuses what {teaches} learned"
-        best, task = _best(registry, policy.content, teachers), task_of(policy)
+        best, task = _best(registry, policy.content, teachers), kept(*policy.content)
         for other in (task, *([best.id] if best else [])):
             if other in scenario.source_names:
                 raise UsageError(by, f"leave out {name}, as {other} stands beside it")
