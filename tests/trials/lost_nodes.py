@@ -64,9 +64,12 @@ def lost_heads(count: int, seed: int, folder: Path) -> dict[str, Any]:
         while done < count:
             studies += 1
             location = folder / f"registry-{studies}"
-            while not ended(
-                process := begun(folder, location, made), dice.uniform(0.5, whole.took / 2), done < count
-            ):
+            while True:
+                process = begun(folder, location, made)
+                if done < count and dice.random() < 0.8:  # else perhaps while Ray begins
+                    until(partial(_learns, process, made))
+                if ended(process, dice.uniform(0.5, whole.took / 3), done < count):
+                    break
                 done += 1
                 _stop(process, made, dice)
                 kept += len(_runs(location))
