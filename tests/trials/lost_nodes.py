@@ -68,7 +68,7 @@ def lost_heads(count: int, seed: int, folder: Path) -> dict[str, Any]:
                 process = begun(folder, location, made)
                 if done < count and dice.random() < 0.8:  # else perhaps while Ray begins
                     until(partial(_learns, process, made))
-                if ended(process, dice.uniform(0.5, whole.took / 3), done < count):
+                if ended(process, dice.uniform(2.0, whole.took / 3), done < count):
                     break
                 done += 1
                 _stop(process, made, dice)
