@@ -52,6 +52,7 @@ check: $(READY)
 # The long tier of the reliability tests, for hours; SHARE=0.1 runs a tenth of it.
 SHARE ?= 1
 soak: $(READY)
+	$(INSTALL) -e '.[dev,maze,ray]'
 	$(BIN)/python tests/soak.py --share $(SHARE)
 
 # Learning and transfer over seeds, and speed; the maze takes longer still.

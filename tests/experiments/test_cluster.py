@@ -33,6 +33,7 @@ from postgres import server
 from samples import ROOT
 
 pytest.importorskip("ray")
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the nodes are at 127.0.0.2 and so on")
 FRAMES = 2048
 SCENARIO = Scenario(name="small", target="BlockedBoxUnlockPickup", sources=("BoxDoor", "GapBall"))
 TRAIN = [TrainJob("BoxDoor", seed, FRAMES) for seed in range(2)]

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,8 @@ def lost_nodes(count: int, seed: int, folder: Path) -> dict[str, Any]:
             location = folder / f"registry-{studies}"
             process = begun(folder, location, made)
             for _ in range(min(A_SWEEP, count - done)):
-                if ended(process, dice.uniform(0.0, whole.took / A_SWEEP), True):
+                until(partial(_learns, process, made))
+                if ended(process, dice.uniform(0.0, whole.took / A_SWEEP / 2), True):
                     break
                 done += 1
                 if dice.random() < 0.5:
@@ -48,7 +50,7 @@ def lost_nodes(count: int, seed: int, folder: Path) -> dict[str, Any]:
             told = process.communicate(timeout=600)
             assert process.returncode == 0, told
             whole.require_same(location)
-    assert amid > count / 4, "most were killed while nothing was learned"
+    assert amid > count / 3, "most were killed while nothing was learned"
     return {"losses": done, "amid_cells": amid, "studies": studies, "different": 0}
 
 
@@ -62,9 +64,12 @@ def lost_heads(count: int, seed: int, folder: Path) -> dict[str, Any]:
         while done < count:
             studies += 1
             location = folder / f"registry-{studies}"
-            while not ended(
-                process := begun(folder, location, made), dice.uniform(0.5, whole.took / 2), done < count
-            ):
+            while True:
+                process = begun(folder, location, made)
+                if done < count and dice.random() < 0.8:  # else perhaps while Ray begins
+                    until(partial(_learns, process, made))
+                if ended(process, dice.uniform(2.0, whole.took / 3), done < count):
+                    break
                 done += 1
                 _stop(process, made, dice)
                 kept += len(_runs(location))
@@ -107,6 +112,11 @@ def learned(location: Path) -> dict[tuple[Any, ...], str]:
     with Registry.open(location, create=False) as registry:
         policies = registry.policies()
         return {(each.task, each.method, each.seed): each.checkpoint for each in policies}
+
+
+def _learns(process: "subprocess.Popen[str]", made: Nodes) -> bool:
+    """Whether cells go on, or all is over."""
+    return made.learning() > 0 or process.poll() is not None
 
 
 def _runs(location: Path) -> list[str]:
