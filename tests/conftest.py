@@ -12,12 +12,15 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 LONGEST = (
-    "test_evaluation",
     "test_resume",
+    "test_trials",
+    "test_evaluation",
+    "test_run_jobs",
+    "test_start_up",
     "test_every_method",
     "test_openness",
-    "test_run_jobs",
-    "test_trials",
+    "test_care",
+    "test_signals",
     "test_packaging",
 )
 

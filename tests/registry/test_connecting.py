@@ -64,7 +64,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> float:
     monkeypatch.setattr(database, "CONNECTING", 0.4)
     monkeypatch.setattr(database, "WAIT", 0.2)
     monkeypatch.setattr(completion, "PATIENCE", 0.2)
-    return 2.0
+    return 10.0  # even on a busy machine; whoever is patient takes far longer
 
 
 def expect_busy(address: str, seconds: float) -> None:
@@ -80,7 +80,7 @@ def expect_busy(address: str, seconds: float) -> None:
         assert time.monotonic() - began < seconds / 2
 
 
-@pytest.mark.parametrize("hosts", [1, 5])
+@pytest.mark.parametrize("hosts", [1, 50])
 def test_a_server_that_accepts_and_says_nothing(hosts: int, impatient: float, tmp_path: Path) -> None:
     with listening(silent) as port:
         several = "&".join(f"host=127.0.0.1:{port}" for _ in range(hosts))
