@@ -210,6 +210,9 @@ def test_a_training_that_was_stopped_and_killed_ends_as_an_unbroken_one(
     process.wait(60)
     with Registry.open(broken) as opened:
         assert opened.run("run-1").status == "running"
+        _wait_for(
+            lambda: not opened.files.goes_on("run-1")
+        )  # its own process sees that it is alone, and ends
     monkeypatch.setattr("paddlectl.experiments.processes.run_jobs", inline.run_jobs)
     done = command("resume", "--all", "--json", "--registry", broken)
     assert done.code == 0 and [row["run"] for row in done.json["runs"]] == ["run-1"]
