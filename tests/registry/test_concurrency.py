@@ -93,7 +93,7 @@ def test_writers_that_start_by_making_the_registry_lose_nothing(address: str, to
         assert (runs[name].status, runs[name].results) == ("finished", {"worker": worker})
     assert check(address, read_data=True).findings == []
     waits = sorted(wait for _, waited in told for wait in waited)
-    assert waits[int(len(waits) * 0.99)] <= max(10.0, took / 3)  # on a busy machine all of it takes long
+    assert waits[int(len(waits) * 0.99)] <= max(10.0, took / 2)  # on a busy machine all of it takes long
 
 
 def _count(location: str, worker: int) -> None:
