@@ -4,8 +4,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before anything imports numpy or torch
+
+# A busy machine takes longer than the usual 200 ms for an example. All else is as usual, also what CI has.
+settings.register_profile("patient", settings(), deadline=None)
+settings.load_profile("patient")
 
 # A shell's background job has ^C ignored, and hands that down to the processes that the tests stop by it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
