@@ -76,10 +76,13 @@ def test_it_goes_on_where_another_machine_left_off(
     assert [run.method for run in Registry.open(elsewhere).runs()] == ["ppo"]
     assert [row.method for row in read_results(results)] == ["hdm", "ppo"]
     assert read_results(results)[0] == there
-    command("sweep", both, "--seeds", "7", "--results", results, "--dry-run")
-    assert len(read_results(results)) == 2, "what wasn't asked for stays"
-    command("sweep", both, "--frames", "1024", "--results", results, "--dry-run")
-    assert read_results(results) == [], "what other numbers gave is nothing of it"
+    before = results.read_bytes()
+    for other in (("--seeds", "7"), ("--frames", "1024")):
+        answer = command("sweep", both, *other, "--results", results, "--dry-run")
+        assert answer.out.startswith("small: 2 cells: 2 missing") and results.read_bytes() == before
+    command("sweep", study(tmp_path, "hdm"), "--frames", "1024", "--results", results, "--jobs", 1)
+    new, other = read_results(results)
+    assert (new.method, other.method) == ("hdm", "ppo") and new.cell != there.cell, "a new row in its place"
 
 
 def test_a_file_of_results_that_is_none_is_told_before_anything_runs(

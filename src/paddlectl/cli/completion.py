@@ -79,7 +79,7 @@ def stopped_names(registry: str | None, incomplete: str = "") -> list[tuple[str,
 @_quiet
 def source_names(registry: str | None, target: str | None, incomplete: str = "") -> list[tuple[str, str]]:
     """Those that Ψ of the target can be shown from: of its domain, with clauses."""
-    from paddlectl.methods.catalogue import METHODS, entry_of, stands_for
+    from paddlectl.methods.catalogue import entry_of, like
     from paddlectl.tasks.naming import given
     from paddlectl.tasks.suite import load, usable
 
@@ -88,15 +88,16 @@ def source_names(registry: str | None, target: str | None, incomplete: str = "")
         domain = load(given(target)).domain
         elsewhere = {task.name for task in usable() if task.domain != domain}
         policies = [policy for policy in policies if policy.task not in elsewhere]
-    teachers = tuple(name for name in METHODS if stands_for(name) in entry_of("paddle").teaches)
-    return _tasks(registry, domain, teachers) + _pairs(policies)
+    teachers = [other for name in entry_of("paddle").teaches for other in like(name)]
+    return _tasks(registry, domain, tuple(teachers)) + _pairs(policies)
 
 
 @_quiet
 def transfer_names(registry: str | None, incomplete: str = "") -> list[tuple[str, str]]:
     """Those that can be explained."""
-    found = _pairs(_soon(registry, "transfers", incomplete))
-    return [("latest", "the newest transfer"), *found] if found or incomplete else []
+    if not _answer(registry, lambda opened: opened.labels("transfers", most=1)):
+        return []
+    return [("latest", "the newest transfer"), *_pairs(_soon(registry, "transfers", incomplete))]
 
 
 @_quiet

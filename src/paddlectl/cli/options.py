@@ -17,6 +17,10 @@ REGISTRY = "PADDLECTL_REGISTRY"
 LISTED = 50
 
 
+def _beginning(pairs: list[tuple[str, str]], incomplete: str) -> list[tuple[str, str]]:
+    return [pair for pair in pairs if pair[0].startswith(incomplete)]
+
+
 def complete_tasks(incomplete: str) -> list[str]:
     from paddlectl.cli.completion import scenario_files, task_names
 
@@ -27,54 +31,38 @@ def complete_tasks(incomplete: str) -> list[str]:
 def complete_policies(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import policy_names
 
-    return [
-        pair
-        for pair in policy_names(ctx.params.get("registry"), incomplete)
-        if pair[0].startswith(incomplete)
-    ]
+    return _beginning(policy_names(ctx.params.get("registry"), incomplete), incomplete)
 
 
 def complete_sources(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import source_names
 
     found = source_names(ctx.params.get("registry"), ctx.params.get("target"), incomplete)
-    return [pair for pair in found if pair[0].startswith(incomplete)]
+    return _beginning(found, incomplete)
 
 
 def complete_transfers(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import transfer_names
 
-    return [
-        pair
-        for pair in transfer_names(ctx.params.get("registry"), incomplete)
-        if pair[0].startswith(incomplete)
-    ]
+    return _beginning(transfer_names(ctx.params.get("registry"), incomplete), incomplete)
 
 
 def complete_held(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import ended_names
 
-    return [
-        pair for pair in ended_names(ctx.params.get("registry"), incomplete) if pair[0].startswith(incomplete)
-    ]
+    return _beginning(ended_names(ctx.params.get("registry"), incomplete), incomplete)
 
 
 def complete_runs(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import run_names
 
-    return [
-        pair for pair in run_names(ctx.params.get("registry"), incomplete) if pair[0].startswith(incomplete)
-    ]
+    return _beginning(run_names(ctx.params.get("registry"), incomplete), incomplete)
 
 
 def complete_stopped(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import stopped_names
 
-    return [
-        pair
-        for pair in stopped_names(ctx.params.get("registry"), incomplete)
-        if pair[0].startswith(incomplete)
-    ]
+    return _beginning(stopped_names(ctx.params.get("registry"), incomplete), incomplete)
 
 
 def complete_compared(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -113,11 +101,7 @@ def complete_studies(incomplete: str) -> list[str]:
 def complete_plotted(ctx: typer.Context, incomplete: str) -> list[str | tuple[str, str]]:
     from paddlectl.cli.completion import plotted_names
 
-    runs = [
-        pair
-        for pair in plotted_names(ctx.params.get("registry"), incomplete)
-        if pair[0].startswith(incomplete)
-    ]
+    runs = _beginning(plotted_names(ctx.params.get("registry"), incomplete), incomplete)
     return [*runs, *complete_results(incomplete)]
 
 

@@ -122,7 +122,7 @@ def sweep(
             if opened and not dry_run:
                 failed = _run_missing(opened, cells, kept, line, fail_fast, jobs, checkpoint_every, on)
         finally:
-            if results is not None:
+            if results is not None and not dry_run:
                 write_results(results, brought_up_to_date(opened, cells, before))
         now = plan(opened, cells, kept)
         left = _estimate(now, registry, jobs) if dry_run else ""

@@ -167,23 +167,8 @@ def run_transfer(
         ),
     )
     with recorded(registry, run) as log:
-        kept = _learned(
-            registry,
-            run,
-            method,
-            Setup(
-                task,
-                settings,
-                job.seed,
-                job.frames,
-                tuple(_source(registry, policy) for policy in reused),
-                job.scenario,
-                rules,
-            ),
-            log,
-            report,
-            checkpointer,
-        )
+        setup = Setup(task, settings, job.seed, job.frames, (), job.scenario, rules)
+        kept = _learned(registry, run, method, setup, log, report, checkpointer)
         figures = LearningCurve(ended_episodes(registry, run.id), log.frames).figures()
         log.results = figures | figures_of(kept)
     return {
@@ -207,9 +192,10 @@ def _learned(
     report: Report,
     checkpointer: Checkpointer,
 ) -> PolicyRecord:
-    """Runs the method's agent within its budget, and keeps its policy."""
-    agent = method.make(setup)
-    setup = setup._replace(sources=())  # what the agent doesn't need of them is free
+    """Runs the method's agent within its budget, and keeps its policy; the run says which sources it has."""
+    sources = tuple(_source(registry, policy) for policy in run.sources)
+    agent = method.make(setup._replace(sources=sources))
+    del sources  # what the agent doesn't need of them is free
     layouts = np.random.SeedSequence(setup.seed).spawn(1)[0]
     settings = setup.settings
     environment = setup.task.make(

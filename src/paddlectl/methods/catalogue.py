@@ -181,19 +181,19 @@ def teacher_of(name: str, task: "Task") -> str | None:
     return fitting[0] if fitting else None
 
 
-def stands_for(method: str) -> str:
-    """The method whose policies those of this one can stand in for as sources: by most, only its own."""
-    return METHODS[method].like or method if method in METHODS else method
+def like(method: str) -> tuple[str, ...]:
+    """The methods whose policies can be reused as those of this one: it, and those that say so."""
+    return (method, *(other for other, entry in usable().items() if entry.like == method))
 
 
 def teachers_of(name: str, task: "Task") -> tuple[str, ...]:
-    """All methods whose policies that one reuses on a task: `teacher_of` it, and those that are like it.
+    """All methods whose policies that one reuses on a task: its `teacher_of`, and those that are like it.
 
     Raises:
         UsageError: As `teacher_of`.
     """
     first = teacher_of(name, task)
-    return (first, *(o for o in METHODS if o != first and stands_for(o) == first)) if first else ()
+    return like(first) if first else ()
 
 
 def require_actions(name: str, task: "Task", offered: Callable[[], Sequence[str]] = names) -> None:

@@ -143,7 +143,8 @@ def brought_up_to_date(
 ) -> list[Result]:
     """The results of cells by the registry, and where it hasn't them by those from `before`.
 
-    Results of `before` that are of none of the cells' places stay, after these.
+    Other results of `before` stay, after these, unless there is a new one of their scenario, method, variant
+    and seed.
     """
     here = results_of(registry, finished(registry, cells)) if registry else []
     known = {result.cell: result for result in before} | {result.cell: result for result in here}
@@ -152,9 +153,8 @@ def brought_up_to_date(
         for cell in cells
         if cell.identity in known
     ]
-    asked = {(cell.scenario.name, cell.method, cell.variant, cell.seed) for cell in cells}
-    others = [r for r in before if (r.scenario, r.method, r.variant, r.seed) not in asked]
-    return results + others
+    there = {(r.scenario, r.method, r.variant, r.seed) for r in results}
+    return results + [r for r in before if (r.scenario, r.method, r.variant, r.seed) not in there]
 
 
 def _untried(ways: Sequence[Step], tried: Container[str]) -> Step | None:
