@@ -27,7 +27,7 @@ class Entry(NamedTuple):
         summary: One line for a reader.
         teaches: The methods whose policies it reuses, those of the one that can act on the task; none if it
             reuses none.
-        like: The method that its own policies can stand in for as sources, if any.
+        like: Of one that is built in, the method that its policies can stand in for as sources, if any.
         actions: Which actions it can choose, of `discrete` and `continuous`.
         presets: The names of its `Method.presets`, by domain.
     """
@@ -182,8 +182,11 @@ def teacher_of(name: str, task: "Task") -> str | None:
 
 
 def like(method: str) -> tuple[str, ...]:
-    """The methods whose policies can be reused as those of this one: it, and those that say so."""
-    return (method, *(other for other, entry in usable().items() if entry.like == method))
+    """The methods whose policies can be reused as those of this one: it, and those built in that say so.
+
+    To ask those of plug-ins would import them all.
+    """
+    return (method, *(other for other, entry in METHODS.items() if entry.like == method))
 
 
 def teachers_of(name: str, task: "Task") -> tuple[str, ...]:
