@@ -164,6 +164,9 @@ def test_runs_of_unequal_length_are_said() -> None:
     rows = results({("A", "paddle"): SIX}) + [result("A", "cup", s, 0.7, frames=200_000) for s in range(6)]
     (note,) = comparison_document(rows)["notes"]
     assert note.endswith("A (paddle 400,000, cup 200,000)")
+    rows[0] = result("A", "paddle", 0, 0.9, frames=2_000)
+    (note,) = comparison_document(rows[:6])["notes"][:1]
+    assert note.endswith("A (paddle 2,000 to 400,000)")
 
 
 def test_runs_that_are_too_short_for_figures_are_left_out_and_of_few_episodes_said() -> None:

@@ -108,7 +108,7 @@ def runs(
     from paddlectl.registry.store import Registry
     from paddlectl.report.documents import runs_document
     from paddlectl.report.output import print_json, print_live, print_text
-    from paddlectl.report.tables import NAMED_RUNS, RUNS, listed
+    from paddlectl.report.tables import RUNS, listed
 
     most = most_rows(every, limit)
     wanted = asked_for(status=status, task=task, method=method, scenario=scenario, tag=tag)
@@ -124,8 +124,7 @@ def runs(
         return found
 
     def told(found: dict[str, Any]) -> list[Any]:
-        named = any(row["name"] for row in found["runs"])
-        return listed(NAMED_RUNS if named else RUNS, found["runs"], found["total"])
+        return listed(RUNS, found["runs"], found["total"])
 
     if watch:
         print_live(lambda: told(document()), SECONDS)

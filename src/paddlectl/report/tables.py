@@ -71,11 +71,13 @@ class Column:
     """A heading, the field below it, and how that is written.
 
     Words and labels are aligned left, numbers right, and only numbers are left out where there is no room.
+    One that needn't be there is left out where no row has anything in it.
     """
 
     title: str
     field: str
     written: Callable[[Any], str] = label
+    optional: bool = False
 
     @property
     def head(self) -> Head:
@@ -85,7 +87,8 @@ class Column:
 
 def table(columns: Iterable[Column], rows: Iterable[Mapping[str, Any]], title: str = "") -> Grid:
     """A table of rows by their fields; a field that a row lacks is shown as a dash."""
-    columns = tuple(columns)
+    rows = list(rows)
+    columns = [each for each in columns if not each.optional or any(row.get(each.field) for row in rows)]
     cells = [Row([clean(column.written(row.get(column.field))) for column in columns]) for row in rows]
     return Grid([column.head for column in columns], cells, title, gap=2)
 
@@ -118,6 +121,8 @@ POLICIES = (
 )
 RUNS = (
     Column("run", "run"),
+    Column("name", "name", optional=True),
+    Column("tags", "tags", listing, optional=True),
     Column("method", "method"),
     Column("task", "task"),
     Column("scenario", "scenario"),
@@ -127,8 +132,6 @@ RUNS = (
     Column("success", "success_rate", percent),
     Column("policy", "policy"),
 )
-NAMED_RUNS = (RUNS[0], Column("name", "name"), *RUNS[1:])
-"""The same, where one has a name."""
 LABELLED = (
     Column("run", "run"),
     Column("name", "name"),

@@ -135,14 +135,20 @@ def _frames(grouped: Grouped) -> str:
     unequal = []
     for place in grouped.places:
         frames = {
-            label: max(result.frames for result in grouped.cell(place, label).values())
+            label: [result.frames for result in grouped.cell(place, label).values()]
             for label in grouped.labels
             if grouped.cell(place, label)
         }
-        if max(frames.values()) > ALIKE * min(frames.values()):
-            told = ", ".join(f"{label} {count:,}" for label, count in frames.items())
+        lengths = [count for counts in frames.values() for count in counts]
+        if max(lengths) > ALIKE * min(lengths):
+            told = ", ".join(f"{label} {_range(counts)}" for label, counts in frames.items())
             unequal.append(f"{place} ({told})")
     return f"runs of unequal length, whose figures don't compare: {_listed(unequal)}" if unequal else ""
+
+
+def _range(counts: Sequence[int]) -> str:
+    least, most = min(counts), max(counts)
+    return f"{most:,}" if most <= ALIKE * least else f"{least:,} to {most:,}"
 
 
 def _scale(grouped: Grouped) -> str:
