@@ -25,7 +25,7 @@ from paddlectl.methods.base import Setup, Source, method_of
 from paddlectl.methods.catalogue import entry_of, teacher_of
 from paddlectl.scenario import Scenario, TaskSources
 from paddlectl.tasks.suite import load
-from scripted import learning
+from scripted import as_source, learning
 
 # target and sources, by kind of actions; and MiniGrid's own
 TASKS = {
@@ -66,7 +66,7 @@ def source(identity: str, name: str, teacher: str) -> Source:
     method, task = method_of(teacher), load(name)
     policy = method.policy(task, 0, method.settings_for(task, None))
     program, _ = policy.played_program(np.ones(policy.scene_count, np.intp), 1)
-    return Source(identity, policy, program)
+    return as_source(identity, policy, program)
 
 
 def learned(name: str, actions: str, rounds: int, seed: int = 0) -> tuple[Learning, list[Round]]:

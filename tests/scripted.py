@@ -8,7 +8,7 @@ from paddlectl.agents.interaction import Learning
 from paddlectl.hybrid.rollout import PROGRESS, Outcome
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.logic.atoms import Predicate
-from paddlectl.methods.base import Method, Setup
+from paddlectl.methods.base import Method, Setup, Source
 from paddlectl.tasks.base import Actions, Step, Task, Vocabulary
 
 LEFT, STAY, RIGHT = range(3)
@@ -132,6 +132,11 @@ class ByScript:
 
     def load(self, state):
         pass
+
+
+def as_source(name: str, policy, program=None) -> Source:
+    """A source that is this policy."""
+    return Source(name, policy.task, program, name, lambda: policy)
 
 
 class Teller:

@@ -10,10 +10,10 @@ from paddlectl.agents.flat import FlatPolicy, FlatSettings
 from paddlectl.errors import UsageError
 from paddlectl.learners.componet import CompoNet, Composition, encoded_places
 from paddlectl.learners.ppo import PPOSettings
-from paddlectl.methods.base import Setup, Source
+from paddlectl.methods.base import Setup
 from paddlectl.methods.componet import COMPONET, shares
 from paddlectl.scenario import Scenario
-from scripted import RIGHT, TASK, learning
+from scripted import RIGHT, TASK, as_source, learning
 
 SCENARIO = Scenario(name="A", target="BoxDoor", sources=("DoorBall", "OpenGoal"))
 FEW = {"num_envs": 2, "rollout_steps": 16, "learner": {"width": 8}}
@@ -78,7 +78,7 @@ def source(number):
     policy = FlatPolicy(TASK, number, FlatSettings())
     with torch.no_grad():
         policy.learner.actor[-1].bias[number] += 2.0
-    return Source(f"policy-{number}", policy, None)
+    return as_source(f"policy-{number}", policy)
 
 
 def setup(*sources, **changes):

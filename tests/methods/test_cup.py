@@ -10,11 +10,11 @@ import torch
 from paddlectl.errors import UsageError
 from paddlectl.experiments import snapshot
 from paddlectl.learners.buffers import RolloutBuffer
-from paddlectl.methods.base import Setup, Source, method_of
+from paddlectl.methods.base import Setup, method_of
 from paddlectl.methods.catalogue import METHODS
 from paddlectl.methods.cup import CUP, ActionValues, CUPSettings, over_ppo, over_td3
 from paddlectl.tasks.suite import load
-from scripted import RIGHT, STAY, learning
+from scripted import RIGHT, STAY, as_source, learning
 from scripted import TASK as CORRIDOR
 
 USUAL = CUPSettings()
@@ -149,7 +149,7 @@ def test_only_the_values_of_what_was_done_change():
 
 def flat_source(name, task, method, **changes):
     made = method_of(method)
-    return Source(name, made.policy(task, 7, made.settings_for(task, None, changes)), None)
+    return as_source(name, made.policy(task, 7, made.settings_for(task, None, changes)))
 
 
 SMALL_TD3 = {

@@ -11,7 +11,7 @@ from paddlectl.agents.flat import FlatPolicy, FlatSettings
 from paddlectl.agents.interaction import Learning
 from paddlectl.errors import UsageError
 from paddlectl.learners.replay import Transitions
-from paddlectl.methods.base import Setup, Source, method_of
+from paddlectl.methods.base import Setup, method_of
 from paddlectl.methods.flat import USUAL
 from paddlectl.methods.ptf import (
     OPTIONS,
@@ -24,7 +24,7 @@ from paddlectl.methods.ptf import (
     decay,
 )
 from paddlectl.tasks.suite import load
-from scripted import FAR, TASK, Corridor
+from scripted import FAR, TASK, Corridor, as_source
 
 HALF = OptionSettings(
     discount=0.5, learning_rate=0.125, termination_rate=0.125, regulariser=0.25, capacity=64
@@ -153,7 +153,7 @@ def agent(*learners, task=TASK, num_envs=1, rollout_steps=4, learner="ppo", **op
         options=replace(HALF, **options),
     )
     sources = [
-        Source(f"policy-{n}", FlatPolicy(task, 0, FlatSettings(learner=settings.learner)), None)
+        as_source(f"policy-{n}", FlatPolicy(task, 0, FlatSettings(learner=settings.learner)))
         for n in range(len(learners))
     ]
     for source, scripted in zip(sources, learners, strict=True):

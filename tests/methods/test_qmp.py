@@ -12,10 +12,10 @@ from paddlectl.experiments import snapshot
 from paddlectl.learners.buffers import RolloutBuffer
 from paddlectl.learners.dqn import StepDQNSettings, n_step
 from paddlectl.learners.td3 import TD3Settings
-from paddlectl.methods.base import Setup, Source, method_of
+from paddlectl.methods.base import Setup, method_of
 from paddlectl.methods.qmp import QMPAgent, switch
 from paddlectl.tasks.suite import load
-from scripted import HORIZON, LEFT, RIGHT, STAY, TASK, ByScript, Corridor, learning
+from scripted import HORIZON, LEFT, RIGHT, STAY, TASK, ByScript, Corridor, as_source, learning
 
 GOES_RIGHT = [[0.0, 0.1, 0.2]] * 20
 """Q of left, stay and right at each place."""
@@ -174,7 +174,7 @@ def test_who_goes_on_from_a_checkpoint_learns_the_same(target, given, teacher):
         task, method, theirs = load(target), method_of("qmp"), method_of(teacher)
         source = theirs.policy(load(given), 1, theirs.settings_for(load(given), None))
         settings = method.settings_for(task, None, SMALL)
-        return learning(method, Setup(task, settings, 0, 10**6, [Source("policy-1", source, None)]))
+        return learning(method, Setup(task, settings, 0, 10**6, [as_source("policy-1", source)]))
 
     whole, fresh = begun(), begun()
     first = whole.agent.policy().state()

@@ -19,7 +19,7 @@ from paddlectl.logic.clauses import Scene, scenes_of
 from paddlectl.logic.syntax import parse_program
 from paddlectl.methods.paddle import PaddleAgent
 from paddlectl.transfer import guides
-from paddlectl.transfer.candidates import Source, candidates_of, most_similar
+from paddlectl.transfer.candidates import Source, candidates_of, most_similar_first
 from paddlectl.transfer.guidance import GuidanceSettings, PaperSettings
 from paddlectl.transfer.recorder import GuideRecorder
 from paddlectl.transfer.similarity import map_scenes
@@ -45,7 +45,12 @@ def target(seed=0, settings=SMALL):
 def sources(*programs, actor=None):
     return [
         Source(
-            f"policy-{number}", f"Task{number}", TASK.subgoals, parse_program(text), actor or ByScript(RIGHT)
+            f"policy-{number}",
+            f"Task{number}",
+            TASK.subgoals,
+            parse_program(text),
+            lambda: actor or ByScript(RIGHT),
+            "",
         )
         for number, text in enumerate(programs, start=1)
     ]
@@ -354,8 +359,8 @@ def test_the_most_similar_source_is_that_of_the_largest_similarity_over_all_scen
     scenes = [Scene(body, frozenset(TASK.subgoals)) for body in policy.clauses.bodies]
     mapping = map_scenes(scenes, {each.policy: scenes_of(each.program.clauses) for each in given})
     # 1/15 + 13/15 for WALK, 13/15 + 14/15 for LAMP
-    assert most_similar(given, mapping).policy == "policy-2"
-    assert most_similar(given[::2], mapping).policy == "policy-1"
+    assert most_similar_first(given, mapping)[0].policy == "policy-2"
+    assert most_similar_first(given[::2], mapping)[0].policy == "policy-1"
 
 
 def test_a_source_gets_its_share_of_the_time_and_the_target_all_of_it():

@@ -39,7 +39,7 @@ def made(kind, programs):
     with torch.no_grad():
         policy.clauses.weights.zero_()
     sources = [
-        Source(f"policy-{number}", "Task", TASK.subgoals, parse_program(text), ByScript(RIGHT))
+        Source(f"policy-{number}", "Task", TASK.subgoals, parse_program(text), ByScript(RIGHT), "")
         for number, text in enumerate(programs, start=1)
     ]
     bodies = policy.clauses.bodies

@@ -89,16 +89,40 @@ def revive(registry: Registry, record: PolicyRecord) -> Policy:
             or if this version can't read its settings, or lacks its task or method.
     """
     task, method = needs_of(record)
-    try:
+    with _fitting(registry, record):
         _require_symbols(record, task)
         policy = method.policy(task, record.seed, _settings_of(registry, record, task, method))
         policy.load(safetensors.torch.load(registry.read_checkpoint(record)))
+    return policy
+
+
+def require_whole(registry: Registry, record: PolicyRecord) -> Task:
+    """Refuses a policy that is damaged or that this version lacks something for, without loading it.
+
+    Returns:
+        Its task.
+
+    Raises:
+        IntegrityError: As `revive` does.
+    """
+    task, method = needs_of(record)
+    with _fitting(registry, record):
+        _require_symbols(record, task)
+        _settings_of(registry, record, task, method)
+        registry.read_checkpoint(record)
+    return task
+
+
+@contextmanager
+def _fitting(registry: Registry, record: PolicyRecord) -> Iterator[None]:
+    """Tells what fails within as a checkpoint's fault."""
+    try:
+        yield
     except (RuntimeError, KeyError, TypeError, safetensors.SafetensorError) as error:
         raise IntegrityError(
             f"the checkpoint of {record.id} doesn't fit {record.task} as this version defines it",
             registry.way_again(record),
         ) from error
-    return policy
 
 
 def needs_of(record: PolicyRecord | RunRecord) -> tuple[Task, Method]:

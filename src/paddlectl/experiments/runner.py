@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from paddlectl.experiments.checkpointer import Checkpointer
 from paddlectl.experiments.curves import LearningCurve
 from paddlectl.experiments.jobs import Progress, TrainJob, TransferJob
 from paddlectl.experiments.log import RunLog, ended_episodes, recorded, versions
-from paddlectl.experiments.policies import definition_of, keep, revive
+from paddlectl.experiments.policies import definition_of, keep, require_whole, revive
 from paddlectl.experiments.recordings import recordings_document
 from paddlectl.experiments.similar import stored_program
 from paddlectl.methods.base import Method, Setup, Source, method_of
@@ -236,7 +237,8 @@ def _keep_documents(registry: Registry, run: RunRecord, documents: Any) -> None:
 def _source(registry: Registry, policy: str) -> Source:
     record = registry.policy(policy)
     program = None if record.program is None else stored_program(record)
-    return Source(record.id, revive(registry, record), program)
+    task = require_whole(registry, record)
+    return Source(record.id, task, program, record.checkpoint, partial(revive, registry, record))
 
 
 def random_source(task: AnyTask, seed: int, registry: Registry) -> PolicyRecord:

@@ -1,6 +1,6 @@
 """Actors that learn no more: those of sources."""
 
-import hashlib
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,22 +9,21 @@ from paddlectl.learners.base import Actor, Learner
 
 
 class FrozenActor:
-    """A learner's actor as a teacher. Of its tensors a checkpoint keeps the digest: the registry has them.
+    """A learner's actor as a teacher, loaded when it first acts: one that never does costs nothing.
 
     Args:
-        learner: Whose critics aren't kept.
+        load: Gives the learner, whose critics aren't kept.
+        digest: Of its tensors. A checkpoint keeps that alone: the registry has them.
     """
 
-    def __init__(self, learner: Learner) -> None:
-        self._actor: Actor = learner.teacher_actor()
-        told = hashlib.sha256()
-        for name, tensor in sorted(learner.state().items()):
-            told.update(name.encode())
-            told.update(tensor.detach().numpy().tobytes())
-        self._digest = told.hexdigest()
+    def __init__(self, load: Callable[[], Learner], digest: str) -> None:
+        self._load, self._digest = load, digest
+        self._actor: Actor | None = None
 
     def act(self, observations: Any, rng: np.random.Generator) -> tuple[Any, Any]:
         """As `Actor.act`."""
+        if self._actor is None:
+            self._actor = self._load().teacher_actor()
         return self._actor.act(observations, rng)
 
     def snapshot(self) -> str:

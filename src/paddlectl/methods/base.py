@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, reduce
 from typing import Any, NamedTuple
 
 from paddlectl.agents.base import Agent, Policy
@@ -14,18 +14,28 @@ from paddlectl.plugins import attribute, require_kind
 from paddlectl.tasks.base import Task
 
 
-class Source(NamedTuple):
+@dataclass(frozen=True)
+class Source:
     """A policy that may be reused.
 
     Attributes:
         id: As the registry has it.
-        policy: Revived.
+        task: What it has learned.
         program: What it executed when it was evaluated; None without clauses.
+        digest: SHA-256 of its tensors.
+        revive: Loads it, anew each time.
     """
 
     id: str
-    policy: Policy
+    task: Task
     program: Program | None
+    digest: str
+    revive: Callable[[], Policy]
+
+    @cached_property
+    def policy(self) -> Policy:
+        """Loaded when it is first asked for."""
+        return self.revive()
 
 
 class Setup(NamedTuple):

@@ -6,6 +6,7 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
+import torch
 
 from paddlectl.agents import recording
 from paddlectl.agents.base import Episode, ReuseRow, Tables
@@ -20,7 +21,7 @@ from paddlectl.methods.base import Method, Setup
 from paddlectl.scenario import Scenario, Similarity
 from paddlectl.tasks.base import Task
 from paddlectl.transfer import guides
-from paddlectl.transfer.candidates import Source, candidates_of, inherited_program, most_similar
+from paddlectl.transfer.candidates import Source, candidates_of, inherited_program, most_similar_first
 from paddlectl.transfer.documents import mapping_document
 from paddlectl.transfer.guidance import GuidanceSettings
 from paddlectl.transfer.recorder import GuideRecorder
@@ -84,7 +85,10 @@ class PaddleAgent(HybridAgent):
         frames: int,
     ) -> None:
         rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0].spawn(1)[0])
-        actors: list[Actor] = [target.low_level, *(FrozenActor(source.low_level) for source in sources)]
+        actors: list[Actor] = [
+            target.low_level,
+            *(FrozenActor(each.low_level, each.digest) for each in sources),
+        ]
         super().__init__(target, selector, actors, rng, [selector])
         self.guides = selector
         self._recorder = GuideRecorder(selector, sources)
@@ -171,8 +175,12 @@ def make(setup: Setup) -> PaddleAgent:
 
 
 def _guide(source: Any) -> Source:
-    policy: HybridPolicy = source.policy
-    return Source(source.id, policy.task.name, policy.task.subgoals, source.program, policy.low_level)
+    def low_level() -> Learner:
+        policy: HybridPolicy = source.revive()
+        return policy.low_level
+
+    task = source.task
+    return Source(source.id, task.name, task.subgoals, source.program, low_level, source.digest)
 
 
 def _mapping(
@@ -188,13 +196,15 @@ def _mapping(
 
 def _warm_start(target: HybridPolicy, sources: Sequence[Source], mapping: SceneMapping, share: float) -> None:
     """The most similar of the sources whose networks have the target's shape hands them on."""
-    like = [source for source in sources if _shapes(source.low_level) == _shapes(target.low_level)]
-    if share and like:
-        target.low_level.warm_start(most_similar(like, mapping).low_level.state(), share)
+    for source in most_similar_first(sources, mapping) if share else ():
+        theirs = source.low_level().state()
+        if _shapes(theirs) == _shapes(target.low_level.state()):
+            target.low_level.warm_start(theirs, share)
+            return
 
 
-def _shapes(learner: Learner) -> dict[str, tuple[int, ...]]:
-    return {name: tuple(tensor.shape) for name, tensor in learner.state().items()}
+def _shapes(state: Mapping[str, torch.Tensor]) -> dict[str, tuple[int, ...]]:
+    return {name: tuple(tensor.shape) for name, tensor in state.items()}
 
 
 def _settings(task: Task, scenario: Scenario, *changes: Mapping[str, Any]) -> HybridSettings:

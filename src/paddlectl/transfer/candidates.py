@@ -1,6 +1,7 @@
 """Who may lead where: the sources, and every scene of theirs that Ψ names."""
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,20 +26,25 @@ class Source:
         task: What it has learned.
         subgoals: The subgoals of that task.
         program: Its program.
-        low_level: Reaches them.
+        low_level: Loads what reaches them.
+        digest: SHA-256 of its tensors.
     """
 
     policy: str
     task: str
     subgoals: tuple[Atom, ...]
     program: Program
-    low_level: Learner
+    low_level: Callable[[], Learner]
+    digest: str
 
 
-def most_similar(sources: Sequence[Source], mapping: SceneMapping) -> Source:
-    """The source of largest ψ over all scenes of the target; of several, the first."""
-    matches = [match for row in mapping.rows.values() for match in row]
-    return max(sources, key=lambda source: sum(m.similarity for m in matches if m.policy == source.policy))
+def most_similar_first(sources: Sequence[Source], mapping: SceneMapping) -> list[Source]:
+    """The sources by ψ over all scenes of the target; of the same ψ, in their order."""
+    similarity: dict[str, float] = defaultdict(float)
+    for row in mapping.rows.values():
+        for match in row:
+            similarity[match.policy] += match.similarity
+    return sorted(sources, key=lambda source: -similarity[source.policy])
 
 
 class Candidates(NamedTuple):
