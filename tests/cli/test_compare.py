@@ -14,7 +14,7 @@ from paddlectl.studies.results import write_results
 from samples import ROOT, TARGET, Command, add_policy, reuse
 from studies.made import SIX, moved, results
 
-EPISODES = 200
+EPISODES = 600  # as many frames as run-3
 
 
 def add(
@@ -26,6 +26,7 @@ def add(
     task: str = TARGET,
     status: str = "finished",
     settings: Mapping[str, Any] = MappingProxyType({}),
+    episodes: int = EPISODES,
 ) -> str:
     """A transfer, each episode of which had that score."""
     run = registry.add_run(
@@ -41,12 +42,12 @@ def add(
             "length": 90,
             "success": True,
         }
-        for n in range(EPISODES)
+        for n in range(episodes)
     ]
     registry.files.append_rows(run.id, "episodes", rows)
     add_policy(registry, run.id, task, None, method=method, seed=seed)
     registry.finish_run(
-        run.id, status=status, frames=100 * EPISODES, episodes=EPISODES, seconds=1.0, results={}
+        run.id, status=status, frames=100 * episodes, episodes=episodes, seconds=1.0, results={}
     )
     return run.id
 
@@ -92,13 +93,23 @@ def test_it_is_told_in_words(compared: Registry, command: Command) -> None:
     assert "at 6 seeds" in out
 
 
+def test_a_trial_does_not_take_the_place_of_a_run(compared: Registry, command: Command) -> None:
+    before = command("compare", *A, "--method", "paddle", "--json").json["cells"]
+    add(compared, "paddle", 0, 0.1, settings={"unusual": {"rules.target_floor": 0.0}})
+    add(compared, "paddle", 1, 0.1, episodes=EPISODES - 1)
+    told = command("compare", *A, "--method", "paddle", "--json").json
+    assert told["cells"] == before
+    (note,) = [note for note in told["notes"] if "left out" in note]
+    assert note.startswith("runs left out: 3, ")
+
+
 def test_of_several_runs_of_a_seed_the_newest_counts(compared: Registry, command: Command) -> None:
     add(compared, "paddle", 0, 0.1, settings={"frames": 3})
     told = command("compare", *A, "--method", "paddle", "--json").json
     assert told["cells"][0]["n"] == 4
     assert told["cells"][0]["final_score"]["mean"]["value"] == pytest.approx((0.1 + 0.81 + 0.82 + 0.83) / 4)
-    (note,) = [note for note in told["notes"] if "older" in note]
-    assert note.startswith("older runs left out: 2, 2 of them with other settings; ")
+    (note,) = [note for note in told["notes"] if "left out" in note]
+    assert note.startswith("runs left out: 2, 2 of them with other settings; ")
 
 
 def test_what_is_not_finished_is_left_out_and_said(compared: Registry, command: Command) -> None:

@@ -12,8 +12,8 @@ import pytest
 
 from paddlectl import plugins
 from paddlectl.cli.completion import ended_names, plotted_names, run_names, stopped_names, transfer_names
+from paddlectl.cli.named import learned
 from paddlectl.cli.resume import resumable
-from paddlectl.cli.watch import _policy
 from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
 from paddlectl.experiments.jobs import ResumeJob
 from paddlectl.registry.bundles import bundles
@@ -257,9 +257,9 @@ def test_wherever_a_runs_id_stands_its_name_and_latest_do(
 
 def test_a_run_is_watched_by_its_name(registry: Registry) -> None:
     registry.label_runs(["run-3"], name="A-paddle")
-    assert [_policy(registry, name).id for name in ("A-paddle", "latest")] == ["policy-3", "policy-3"]
+    assert [learned(registry, name).id for name in ("A-paddle", "latest")] == ["policy-3", "policy-3"]
     with pytest.raises(NotFoundError, match="did you mean A-paddle"):
-        _policy(registry, "A-PADDLE")
+        learned(registry, "A-PADDLE")
 
 
 def test_a_run_is_resumed_by_its_name(registry: Registry) -> None:
@@ -332,10 +332,10 @@ def test_what_a_run_lacks_comes_by_going_on(registry: Registry, command: Command
         if status != "running":
             registry.finish_run(run, status=status, frames=0, episodes=0, seconds=0.0, results={})
         with pytest.raises(NotFoundError, match=f"run: paddlectl resume {run}"):
-            _policy(registry, run)
+            learned(registry, run)
         assert f"\nrun: paddlectl resume {run}" in command("plot", run).err
     with registry.files.hold(registry.resume_run(run).id), pytest.raises(NotFoundError, match="wait for it"):
-        _policy(registry, run)
+        learned(registry, run)
 
 
 @pytest.mark.parametrize("name", ["a b", "it's", "a\x1b[31m\\b'c\nd", "\u202eé", "\udcff x"])

@@ -115,7 +115,7 @@ def test_the_command_lists_first_and_asks_unless_told(registry: Registry, comman
     assert answer.code == 2 and "run-3" in answer.out and "add --yes" in answer.err
     assert registry.run("run-3")
     answer = command("registry", "delete", "run-3", "--yes")
-    assert answer.code == 0 and answer.out.endswith("bytes are free\n")
+    assert answer.code == 0 and answer.out.endswith("B are free now\n")
     assert "run-3" not in listed(command, "runs")
     refused = command("registry", "delete", "run-3", "--yes")
     assert (refused.code, refused.out) == (4, "") and "no run run-3" in refused.err

@@ -117,10 +117,10 @@ def text(weights=(), trace=(), **more):
     document = {
         "program": None, "sources": [], "source_programs": [], "mapping": None, "weights": list(weights),
         "reuse": [], "moments": [], "documents": {},
-        "trace": list(trace), "trace_scores": {"early": 0.9, "late": None},
+        "trace": list(trace), "final_episodes": None, "trace_scores": {"early": 0.9, "late": None},
     }  # fmt: skip
     told = {"method": "paddle", "status": "finished", "results": {}, "policy": None, **more}
-    run = SimpleNamespace(id="run-1", task="T", seed=0, frames=9, sources=(), **told)
+    run = SimpleNamespace(id="run-1", task="T", seed=0, frames=9, sources=(), settings={}, **told)
     console = Console(width=100, markup=False)
     with console.capture() as caught:
         for part in explanation_parts(document, run):
@@ -132,7 +132,7 @@ def text(weights=(), trace=(), **more):
     "rule, words",
     [
         ("largest", "its Λ is the largest"),
-        ("tie", "a tie: a source goes before the target, of sources a random one"),
+        ("tie", "others had as large a Λ: a source goes before the target, and between sources one is drawn"),
         ("penalty", "larger Λs were lowered for what those guides did before in this episode"),
         ("floor", "no source's Λ is above the target's floor"),
         ("alone", "the target leads this episode alone"),

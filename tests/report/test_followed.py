@@ -159,7 +159,7 @@ def test_a_methods_own_documents_are_told_in_its_own_words(registry, capsys):
     lines = told.partition("\nStart ")[2].splitlines()[1:8]
     assert lines == [
         "chosen: BlockedDoor",
-        "success before learning: BlockedDoor 0.25, GapBall 0",
+        "success before learning: BlockedDoor 25 %, GapBall 0 %",
         "episodes: 64",
         "kept: yes",
         "left: –",

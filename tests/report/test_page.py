@@ -219,7 +219,7 @@ def test_of_a_method_that_follows_it_tells_whom_mostly(registry: Registry) -> No
         versions={},
     ).id  # fmt: skip
     record(registry, recording(), run)
-    assert "mostly followed" not in page(registry, run) and "in <code>{" in page(registry, run)
+    assert "followed most often" not in page(registry, run) and "in <code>{" in page(registry, run)
     rows = [
         {"frames": frames, "context": body(TARGET, "X"), "source": source, "terms": {}, "weight": 0.5,
          "chosen": chosen, "reached": None}
@@ -228,7 +228,7 @@ def test_of_a_method_that_follows_it_tells_whom_mostly(registry: Registry) -> No
     registry.files.append_rows(run, "reuse", rows)
     text = page(registry, run)
     parsed(text)
-    assert "<b>BlockedDoor</b> is mostly followed here, 75 %" in text
+    assert "<b>BlockedDoor</b> is followed most often here, 75 %" in text
     assert "goes for" not in text
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from paddlectl.report.output import height
-from paddlectl.report.summary import MOST_LINES, phases, summary_parts, verdict
+from paddlectl.report.summary import MOST_LINES, floor_text, phases, short_text, summary_parts, verdict
 from samples import TARGET, body
 
 A, B, C = (tuple(body(TARGET, true)) for true in ("X", "E", "KO"))
@@ -51,6 +51,7 @@ def document(**more: Any) -> dict[str, Any]:
     usual: dict[str, Any] = {
         "program": None, "sources": ["policy-1", "policy-2"], "source_programs": programs, "mapping": None,
         "weights": [], "moments": [], "reuse": [], "documents": {}, "trace": [],
+        "final_episodes": None,
         "trace_scores": {"early": None, "late": None},
     }  # fmt: skip
     return usual | more
@@ -109,8 +110,8 @@ def test_a_run_of_before_moments_were_recorded_tells_no_moment() -> None:
 def test_of_a_method_that_follows_the_first_and_the_last_period_are_told() -> None:
     rows = [followed(1000, A, "policy-1", 3), followed(1000, A, "target", 1), followed(2000, A, "target", 5)]
     assert told(reuse=rows) == (
-        "Until frame 1,000 the decisions were led 75 % by Door and 25 % by the target itself. From frame"
-        " 2,000 on the target led most of them; in the end the target leads in the one scene that comes up"
+        "Until frame 1,000 it followed Door in 75 % of its choices and itself in 25 %. From frame 2,000 on it"
+        " mostly followed itself; in the end it follows itself most often in the one scene that comes up"
         " most."
     )
     assert told(reuse=[followed(1000, A, "target", 0)]) == "" == told()
@@ -135,9 +136,18 @@ def test_it_is_never_longer_than_forty_lines(
     own = {f"a document {n}": {f"value {k}": k for k in range(30)} for n in range(values // 30)}
     run = SimpleNamespace(
         id="run-1", method="paddle", task=TARGET, seed=0, frames=9, status="finished", results={},
-        policy="policy-3", sources=("policy-1", "policy-2"),
+        settings={}, policy="policy-3", sources=("policy-1", "policy-2"),
     )  # fmt: skip
     for width in ("60", "100", "200"):
         monkeypatch.setenv("COLUMNS", width)
         parts = summary_parts(document(weights=rows, program=program, documents=own), run)  # type: ignore[arg-type]
         assert height(parts) <= MOST_LINES
+
+
+def test_a_short_run_and_the_floor_of_the_target_are_told() -> None:
+    rules = {"target_floor": 0.05, "target_samples": 20.0}
+    run = SimpleNamespace(settings={"rules": rules})
+    assert floor_text(run) == " Until the target has led there 20 times, its Λ is 0.05; it is never less."  # type: ignore[arg-type]
+    assert floor_text(SimpleNamespace(settings={})) == ""  # type: ignore[arg-type]
+    assert short_text(32) == "A short run: its figures of training are over 32 episodes instead of 100."
+    assert short_text(100) == short_text(None) == ""

@@ -37,7 +37,7 @@ COMMANDS = {
     "sweep": "Run what is missing of a study, its sources included.",
     "resume": "Go on exactly where a stopped run was; it ends as if it had never been stopped.",
     "compare": "Put methods side by side, with intervals over their seeds.",
-    "explain": "Tell why a transfer acted as it did: program, Ψ, weights per scene, one episode.",
+    "explain": "Tell why a transfer acted as it did: program, Ψ, weights per scene, two episodes.",
     "export": "Write a run's tables as CSV, Parquet, TensorBoard's events or JSON.",
     "plot": "Draw a study's figure, or a run's curve, as SVG and PNG with the numbers as CSV.",
     "registry": "Check, mend, clean, move and upgrade the registry.",

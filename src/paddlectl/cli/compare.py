@@ -190,7 +190,7 @@ def from_file(file: Path, wanted: "Mapping[str, Sequence[str]]") -> "list[Result
 def from_registry(place: str, wanted: "Mapping[str, Sequence[str]]") -> "tuple[list[Result], list[str]]":
     """The results of the finished transfers that are wanted, and what a reader must know of the choice."""
     from paddlectl.registry.store import Registry
-    from paddlectl.studies.grouped import newest
+    from paddlectl.studies.grouped import one_of_each
     from paddlectl.studies.results import result_of
 
     registry = Registry.open(place, create=False)
@@ -198,10 +198,10 @@ def from_registry(place: str, wanted: "Mapping[str, Sequence[str]]") -> "tuple[l
     finished = [run for run in transfers if run.status == "finished" and run.policy]
     fitting = chosen(finished, traits_of_run, wanted, registry.shown, _way_to_transfer)
     _require_one_task_a_name(fitting)
-    runs, older = newest(fitting, lambda run: (*traits_of_run(run), run.seed), lambda run: run.id)
+    runs, others = one_of_each(fitting, lambda run: (*traits_of_run(run), run.seed), _rank)
     runs.sort(key=lambda run: (*traits_of_run(run), run.seed))
     unfinished = [run for run in transfers if run.status != "finished" and _fits(traits_of_run(run), wanted)]
-    return [result_of(registry, run) for run in runs], _notes(runs, older, len(unfinished))
+    return [result_of(registry, run) for run in runs], _notes(runs, others, len(unfinished))
 
 
 def _require_one_task_a_name(runs: "Sequence[RunRecord]") -> None:
@@ -227,14 +227,22 @@ def _way_to_transfer(method: str) -> str:
     return f"paddlectl transfer {SCENARIO}{by} --train-missing"
 
 
-def _notes(runs: "Sequence[RunRecord]", older: "Sequence[RunRecord]", unfinished: int) -> list[str]:
+def _rank(run: "RunRecord") -> tuple[bool, int, int]:
+    """Of the runs of a scenario, method and seed: by usual numbers, long, new."""
+    from paddlectl.studies.grouped import age
+
+    return not run.settings.get("unusual"), run.frames, age(run.id)
+
+
+def _notes(runs: "Sequence[RunRecord]", others: "Sequence[RunRecord]", unfinished: int) -> list[str]:
     notes = []
-    if older:
+    if others:
         taken = {(traits_of_run(run), run.seed): run.settings for run in runs}
-        others = sum(run.settings != taken[traits_of_run(run), run.seed] for run in older)
-        told = f", {others} of them with other settings" if others else ""
+        unlike = sum(run.settings != taken[traits_of_run(run), run.seed] for run in others)
+        told = f", {unlike} of them with other settings" if unlike else ""
         notes.append(
-            f"older runs left out: {len(older)}{told}; of a scenario, method and seed the newest counts"
+            f"runs left out: {len(others)}{told}; of a scenario, method and seed the one with the usual"
+            " numbers counts, of those the longest, of those the newest"
         )
     if unfinished:
         notes.append(f"unfinished transfers left out: {unfinished}")

@@ -4,14 +4,14 @@ from typing import Annotated
 
 import typer
 
-from paddlectl.cli.options import AsJson, PolicyName, RegistryPlace, TaskFiles, complete_tasks, whole_number
+from paddlectl.cli.options import AsJson, Held, RegistryPlace, TaskFiles, complete_tasks, whole_number
 from paddlectl.registry.fields import SEEDS
 
 EXAMPLE = "Example: paddlectl evaluate BoxDoor --episodes 200 --json"
 
 
 def evaluate(
-    policy: PolicyName,
+    policy: Held,
     task: Annotated[
         str | None,
         typer.Option(
@@ -32,7 +32,7 @@ def evaluate(
     as_json: AsJson = False,
 ) -> None:
     """Play a policy on layouts that it never trained on."""
-    from paddlectl.cli.named import policy_named, task_named
+    from paddlectl.cli.named import learned, task_named
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import print_json, print_text
@@ -43,7 +43,7 @@ def evaluate(
     if other is not None:
         load(other)  # what there isn't is told before a registry is looked for
     opened = Registry.open(registry, create=False)
-    record = policy_named(opened, policy)
+    record = learned(opened, policy)
     with stdout_kept():
         from paddlectl.experiments.policies import evaluate as play
 

@@ -46,7 +46,7 @@ def explain(
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
 ) -> None:
-    """Tell why a transfer acted as it did: program, Ψ, weights per scene, one episode."""
+    """Tell why a transfer acted as it did: program, Ψ, weights per scene, two episodes."""
     from paddlectl.cli.texts import here
     from paddlectl.registry.store import Registry
     from paddlectl.report.explained import explanation_parts

@@ -93,6 +93,22 @@ def held(registry: "Registry", name: str) -> "RunRecord | PolicyRecord":
         raise NotFoundError(f"no run or policy {shown(name)}", f"{near}run: paddlectl runs") from None
 
 
+def learned(registry: "Registry", name: str) -> "PolicyRecord":
+    """As `held`, a run's policy in its place.
+
+    Raises:
+        NotFoundError: Also if the run has none.
+    """
+    from paddlectl.registry.records import RunRecord
+
+    found = held(registry, name)
+    if not isinstance(found, RunRecord):
+        return found
+    if found.policy is None:
+        raise NotFoundError(f"{found.id} has no policy: it is {found.status}", registry.way_on(found))
+    return registry.policy(found.policy)
+
+
 def policy_named(registry: "Registry", name: str) -> "PolicyRecord":
     """The policy of an id, or the best one of a task, which may be named by its file.
 

@@ -28,12 +28,6 @@ def complete_tasks(incomplete: str) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]
 
 
-def complete_policies(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
-    from paddlectl.cli.completion import policy_names
-
-    return _beginning(policy_names(ctx.params.get("registry"), incomplete), incomplete)
-
-
 def complete_sources(ctx: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from paddlectl.cli.completion import source_names
 
@@ -246,12 +240,12 @@ Jobs = Annotated[
         "--jobs", min=1, metavar="N", help="Runs at a time; as many as CPUs without.", show_default=False
     ),
 ]
-PolicyName = Annotated[
+Held = Annotated[
     str,
     typer.Argument(
-        metavar="POLICY",
-        autocompletion=complete_policies,
-        help="A policy's id, or a task's name or file for its best policy.",
+        metavar="POLICY|RUN",
+        autocompletion=complete_held,
+        help="A policy's or a run's id, a run's name, or a task's name or file for its best policy.",
         show_default=False,
     ),
 ]
@@ -296,9 +290,7 @@ Tags = Annotated[
 ]
 ManySeeds = Annotated[
     str | None,
-    typer.Option(
-        "--seeds", metavar="N-M", help="Several: 0-5, or 0,3,7; run side by side.", show_default=False
-    ),
+    typer.Option("--seeds", metavar="N-M", help="Several: 0-5, or 0,3,7.", show_default=False),
 ]
 
 

@@ -127,7 +127,7 @@ def delete(
     from paddlectl.registry.care.deletion import chosen_runs, remove
     from paddlectl.report.documents import run_row
     from paddlectl.report.output import print_json, print_text
-    from paddlectl.report.tables import RUNS, table
+    from paddlectl.report.tables import RUNS, file_size, table
 
     chosen = chosen_runs(registry, names, with_dependants=with_dependants)
     if not as_json:
@@ -138,7 +138,7 @@ def delete(
     if as_json:
         print_json({"deleted": [{"run": run.id, "policy": run.policy} for run in chosen], "bytes": freed})
     else:
-        print_text([f"deleted; {freed:,} bytes are free"])
+        print_text([f"deleted; {file_size(freed)} are free now"])
 
 
 def _agreed(count: int) -> bool:

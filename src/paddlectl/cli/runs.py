@@ -41,7 +41,7 @@ def status_of(text: str) -> str:
     if text in RUN_STATES:
         return text
     near = nearest(text, RUN_STATES)
-    raise UsageError(f"no run is ever {shown(text)}", f"{near}use one of {', '.join(RUN_STATES)}")
+    raise UsageError(f"{shown(text)} is no status of a run", f"{near}use one of {', '.join(RUN_STATES)}")
 
 
 def moment_of(text: str) -> str:

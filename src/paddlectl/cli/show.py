@@ -1,24 +1,12 @@
 """`paddlectl show`."""
 
-from typing import Annotated
-
-import typer
-
-from paddlectl.cli.options import AsJson, RegistryPlace, TaskFiles, complete_held
+from paddlectl.cli.options import AsJson, Held, RegistryPlace, TaskFiles
 
 EXAMPLE = "Example: paddlectl show GapBall"
 
 
 def show(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="POLICY|RUN",
-            autocompletion=complete_held,
-            help="A policy's or a run's id, a run's name, or a task's name for its best policy.",
-            show_default=False,
-        ),
-    ],
+    name: Held,
     task_files: TaskFiles = None,
     registry: RegistryPlace = "registry",
     as_json: AsJson = False,
@@ -27,6 +15,7 @@ def show(
     from paddlectl.cli.named import held
     from paddlectl.registry.records import RunRecord
     from paddlectl.registry.store import Registry
+    from paddlectl.report.mapping import labels_of
     from paddlectl.report.output import print_json, print_text
     from paddlectl.report.programs import program_document, program_parts
     from paddlectl.report.settings import numbers, numbers_parts, run_document, run_parts
@@ -35,7 +24,7 @@ def show(
     record = held(opened, name)
     if isinstance(record, RunRecord):
         document = run_document(record)
-        parts = run_parts(document)
+        parts = run_parts(document, labels_of(opened, record))
     else:
         document = {**program_document(record), **numbers(opened.run(record.run))}
         parts = [*program_parts(document), *numbers_parts(document, record.method)]

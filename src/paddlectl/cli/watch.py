@@ -9,23 +9,21 @@ import typer
 
 from paddlectl.cli.options import (
     AsJson,
+    Held,
     RegistryPlace,
     TaskFiles,
-    complete_held,
     complete_tasks,
     file_at,
     whole_number,
 )
 from paddlectl.cli.output_files import require_output, write_output
-from paddlectl.errors import NotFoundError, UsageError
+from paddlectl.errors import UsageError
 from paddlectl.registry.fields import SEEDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from paddlectl.experiments.watching import Seen
-    from paddlectl.registry.records import PolicyRecord
-    from paddlectl.registry.store import Registry
 
 EXAMPLE = "Example: paddlectl watch BoxDoor --gif boxdoor.gif"
 WIDEST = 90  # columns
@@ -33,15 +31,7 @@ MOST = 400  # pictures of a GIF
 
 
 def watch(
-    policy: Annotated[
-        str,
-        typer.Argument(
-            metavar="POLICY|RUN",
-            autocompletion=complete_held,
-            help="A policy's id, a task's name for its best policy, or a run's id or name for its policy.",
-            show_default=False,
-        ),
-    ],
+    policy: Held,
     task: Annotated[
         str | None,
         typer.Option(
@@ -71,7 +61,7 @@ def watch(
     as_json: AsJson = False,
 ) -> None:
     """Watch an episode of a policy on an unseen layout, with its subgoals; or make a GIF of it."""
-    from paddlectl.cli.named import task_named
+    from paddlectl.cli.named import learned, task_named
     from paddlectl.cli.quiet import stdout_kept
     from paddlectl.registry.store import Registry
     from paddlectl.report.output import clean, print_json, print_text
@@ -83,7 +73,7 @@ def watch(
         require_output(gif, ".gif")
     other = task_named(task) if task is not None else None
     opened = Registry.open(registry, create=False)
-    record = _policy(opened, policy)
+    record = learned(opened, policy)
     with stdout_kept():
         from paddlectl.experiments.policies import require_domain, revive, task_of
         from paddlectl.experiments.watching import watched
@@ -103,23 +93,6 @@ def watch(
         print_json({**told, "file": str(gif)})
     else:
         print_text([clean(f"{gif}: {played.name} by {record.id}, {_end(end)}")])
-
-
-def _policy(registry: "Registry", name: str) -> "PolicyRecord":
-    """That of a run, or the one that is named.
-
-    Raises:
-        NotFoundError: If there is none.
-    """
-    from paddlectl.cli.named import held
-    from paddlectl.registry.records import RunRecord
-
-    found = held(registry, name)
-    if not isinstance(found, RunRecord):
-        return found
-    if found.policy is None:
-        raise NotFoundError(f"{found.id} has no policy: it is {found.status}", registry.way_on(found))
-    return registry.policy(found.policy)
 
 
 def _show(seen: "Iterable[Seen]", per_second: float) -> None:

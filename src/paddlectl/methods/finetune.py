@@ -53,7 +53,10 @@ class FinetuneAgent(HybridAgent):
         selector = ProgramSelector(learner, np.random.default_rng(choices))
         actions = np.random.default_rng(layouts.spawn(1)[0])
         super().__init__(learner, selector, [learner.low_level], actions)
-        self._start = {"chosen": chosen, "success_before_learning": dict(starts)}
+        self._start = {
+            "source_that_it_goes_on_from": chosen,
+            "success_of_each_start_before_learning": dict(starts),
+        }
 
     def documents(self) -> Mapping[str, Any]:
         """Which source it started from, and how well each would have done."""

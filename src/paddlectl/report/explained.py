@@ -12,7 +12,7 @@ from paddlectl.report.mapping import Labels, labels_for, legend, mapping_table, 
 from paddlectl.report.output import clean
 from paddlectl.report.programs import minimised_grid, program_parts
 from paddlectl.report.standings import Document, SceneMet, Standing, Subgoals, scenes_met
-from paddlectl.report.summary import alone_parts, header_parts, name_of, verdict
+from paddlectl.report.summary import alone_parts, floor_text, header_parts, name_of, short_text, verdict
 from paddlectl.report.tables import figure, percent
 
 RARE = 0.002  # share of all decisions below which a scene is only counted
@@ -22,7 +22,7 @@ SHORTEST = 20  # minimised clauses that are shown; a soft program has hundreds
 # By which rule of `transfer.guidance.RULES` a guide was chosen: told of one decision, and of many.
 WHY = {
     "largest": "its Λ is the largest",
-    "tie": "a tie: a source goes before the target, of sources a random one",
+    "tie": "others had as large a Λ: a source goes before the target, and between sources one is drawn",
     "penalty": "larger Λs were lowered for what those guides did before in this episode",
     "floor": "no source's Λ is above the target's floor",
     "alone": "the target leads this episode alone",
@@ -48,12 +48,13 @@ def explanation_parts(document: Document, run: RunRecord) -> list[RenderableType
     reuse, documents = document["reuse"], document["documents"]
     return [
         *header_parts(run, labels),
+        *([short] if (short := short_text(document["final_episodes"])) else ()),
         *verdict(document, labels),
         *_legend(document),
         *_program(document["program"], run),
         *_psi(document["mapping"], scenes, labels),
         *document_parts(documents, labels),
-        *(_guidance(document, scenes, labels) if scenes else ()),
+        *(_guidance(document, run, scenes, labels) if scenes else ()),
         *(followed_parts(reuse, labels) if reuse else ()),
         *(alone_parts(run, documents) if not (scenes or reuse or document["trace"]) else ()),
         *_episodes(document, labels),
@@ -112,13 +113,16 @@ def _psi(mapping: Document | None, scenes: Sequence[SceneMet], labels: Labels) -
     return [heading, mapping_table(met, labels)]
 
 
-def _guidance(document: Document, scenes: Sequence[SceneMet], labels: Labels) -> list[RenderableType]:
+def _guidance(
+    document: Document, run: RunRecord, scenes: Sequence[SceneMet], labels: Labels
+) -> list[RenderableType]:
     subgoals = Subgoals(document)
     everything = sum(scene.total for scene in scenes)
     shown = [scene for scene in scenes if scene.total >= RARE * everything]
     parts: list[RenderableType] = [
         Heading("Who led in which scene, and why; * marks who was chosen most"),
-        "ψ, Φ and Λ are those of the end of each phase; decisions before were made by earlier ones.",
+        "ψ, Φ and Λ are those of the end of each phase; decisions before were made by earlier ones."
+        + floor_text(run),
     ]
     if any("rules" not in row for row in document["weights"]):
         parts.append("This run is of an older version, which did not record why a guide was chosen.")
@@ -193,7 +197,7 @@ def _standings_table(scene: SceneMet, labels: Labels) -> Grid:
                 labels(one.policy) + (" *" if place == 0 else ""),
                 figure(one.similarity),
                 figure(one.performance),
-                figure(one.weight),
+                "dropped" if one.dropped else figure(one.weight),
                 percent(one.chosen / scene.decisions[phase]),
                 percent(one.reached_share),
             )

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from paddlectl.errors import IntegrityError
+from paddlectl.experiments.curves import WINDOW, in_order
+from paddlectl.experiments.log import ended_episodes
 from paddlectl.registry.names import ELSEWHERE
 from paddlectl.registry.records import RECORDINGS, RunRecord
 from paddlectl.registry.store import Registry
@@ -14,6 +16,8 @@ TARGET = "target"
 PHASES = ("early", "late")
 MOST_TERMS = 12
 """Of one row of `reuse`."""
+MANY = 10 * WINDOW
+"""Episodes from which a run surely has enough for its figures."""
 
 # What a run writes: the fields of each kind of row, and what their values are. Older runs lack those of MORE.
 _MAPPING = {"target": str, "sources": [str], "scenes": list}
@@ -101,8 +105,16 @@ def explanation_document(registry: Registry, run: RunRecord, *, recorded: bool =
         "documents": told,
         "trace": [{"phase": phase, **decision} for phase in PHASES for decision in trace.get(phase, ())],
         "recordings": [{"phase": phase, **recordings[phase]} for phase in PHASES if phase in recordings],
+        "final_episodes": final_episodes(registry, run),
         "trace_scores": {phase: trace.get(f"score_{phase}") for phase in PHASES},
     }
+
+
+def final_episodes(registry: Registry, run: RunRecord) -> int | None:
+    """How many episodes the figures of the end of training are over; None of a run of many."""
+    if not 0 < run.episodes < MANY:
+        return None
+    return min(WINDOW, len(in_order(ended_episodes(registry, run.id))))
 
 
 def recordings_of(registry: Registry, run: RunRecord) -> dict[str, Any]:

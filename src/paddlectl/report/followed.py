@@ -18,6 +18,8 @@ MOST_SCENES = 10
 MOST_VALUES = 20
 
 OTHERS = "others"
+SHARES = ("share", "success")
+"""How the names of a document's fields begin whose numbers are written in percent."""
 
 Document = Mapping[str, Any]
 Context = tuple[str, ...]
@@ -53,10 +55,20 @@ def document_parts(documents: Mapping[str, Document], labels: Labels) -> list[Re
     """A method's own documents: plain values, and plain values by name; the rest is for `--json`."""
     parts: list[RenderableType] = []
     for name, document in documents.items():
-        told = [f"{_words(field)}: {_value(value, labels)}" for field, value in document.items()]
-        more = [f"and {len(told) - MOST_VALUES:,} more; --json has all"] if len(told) > MOST_VALUES else []
-        parts += [Heading(_words(name).capitalize()), *told[:MOST_VALUES], *more]
+        parts += [Heading(words(name)), *value_lines(document, labels)]
     return parts
+
+
+def value_lines(document: Document, labels: Labels) -> list[str]:
+    """A line for each of the first of its values."""
+    told = [f"{_words(field)}: {_value(field, value, labels)}" for field, value in document.items()]
+    more = [f"and {len(told) - MOST_VALUES:,} more; --json has all"] if len(told) > MOST_VALUES else []
+    return told[:MOST_VALUES] + more
+
+
+def words(name: str) -> str:
+    """A document's name as a heading."""
+    return _words(name).capitalize()
 
 
 def _periods_table(rows: Sequence[Document], periods: Sequence[int], labels: Labels) -> Grid:
@@ -147,18 +159,21 @@ def _is_scene(context: Context) -> bool:
     return all(literal.endswith(")") for literal in context)
 
 
-def _value(value: Any, labels: Labels) -> str:
+def _value(field: str, value: Any, labels: Labels) -> str:
+    share = field.startswith(SHARES)
     if not isinstance(value, dict):
-        return _plain(value, labels)
-    told = [f"{_name(name, labels)} {_plain(one, labels)}" for name, one in value.items()]
+        return _plain(value, labels, share)
+    told = [f"{_name(name, labels)} {_plain(one, labels, share)}" for name, one in value.items()]
     more = [f"and {len(told) - MOST_VALUES:,} more"] if len(told) > MOST_VALUES else []
     return ", ".join(told[:MOST_VALUES] + more)
 
 
-def _plain(value: Any, labels: Labels) -> str:
+def _plain(value: Any, labels: Labels, share: bool) -> str:
     match value:
         case bool():
             return yes(value)
+        case float() if share and 0.0 <= value <= 1.0:
+            return percent(value)
         case str():
             return _name(value, labels)
         case int() | float() | None:

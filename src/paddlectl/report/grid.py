@@ -110,7 +110,8 @@ class Grid:
         widths = _shared(least, most, left_over)
         yield Padding(self._table(kept, titles, rows, widths), (0, 0, 0, self.indent), expand=False)
         if left_out := [title for column, title in enumerate(titles) if column not in kept]:
-            yield Prose(f"No room for {', '.join(left_out)}; --json has all.", self.indent)
+            names = ", ".join(dict.fromkeys(left_out))
+            yield Prose(f"Too narrow for {names}; --json has all.", self.indent)
 
     @property
     def _headed(self) -> bool:

@@ -6,10 +6,13 @@ from typing import Any
 from rich.console import RenderableType
 
 from paddlectl.registry.names import ELSEWHERE
+from paddlectl.registry.records import RunRecord
+from paddlectl.registry.store import Registry
 from paddlectl.report.grid import Grid, Head, Row
 from paddlectl.report.output import clean
 from paddlectl.report.sparkline import BLOCKS
 
+MOST_SOURCES = 12
 SHOWN_SCENES = 2  # of one source that tie for one target scene
 
 
@@ -52,10 +55,26 @@ def labels_for(explanation: Mapping[str, Any]) -> Labels:
     return Labels({**elsewhere, **here, **mapped})
 
 
+def labels_of(registry: Registry, run: RunRecord) -> Labels:
+    """The same without an explanation."""
+    here = {
+        source: registry.policy(source).task for source in run.sources if not source.startswith(ELSEWHERE)
+    }
+    there = {_there(source): source for source in run.sources if source not in here}
+    return Labels(here | there)
+
+
 def source_text(source: str, labels: Labels) -> str:
     """A run's source by its task, if that is known, and its id."""
     name = labels(_there(source))
     return name if source in name else f"{name} ({clean(source)})"
+
+
+def sources_text(sources: Sequence[str], labels: Labels) -> str:
+    """A line with a run's sources; of very many with the first."""
+    told = [source_text(source, labels) for source in sources[:MOST_SOURCES]]
+    more = len(sources) - len(told)
+    return f"sources: {', '.join(told) or 'none'}{f' and {more} more; --json has all' if more else ''}"
 
 
 def _there(source: str) -> str:

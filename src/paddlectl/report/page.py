@@ -23,12 +23,13 @@ from paddlectl.registry.store import Registry
 from paddlectl.report.explained import SHORTEST, WHY
 from paddlectl.report.explanation import PHASES, TARGET, recordings_of
 from paddlectl.report.film import COLUMNS, PER_SECOND, Film, film
+from paddlectl.report.followed import value_lines, words
 from paddlectl.report.mapping import Labels, labels_for, scene_text
 from paddlectl.report.output import clean
 from paddlectl.report.settings import numbers
-from paddlectl.report.summary import FIGURES, TERMS, context_text, header_parts, verdict
+from paddlectl.report.summary import context_text, floor_text, header_parts, short_text, verdict
 from paddlectl.report.svg import COLOURS, Line, lines, stacked
-from paddlectl.report.tables import percent
+from paddlectl.report.tables import figures_of, percent
 
 MOST_SCENES = 8
 """Panels of who led over training."""
@@ -38,6 +39,8 @@ MOST_PARTS = 150
 """Rows of an episode without decisions."""
 MOST_GOALS = 12
 """Subgoals of an episode that are told to whom can't see it."""
+ALIKE = 1.05
+"""Of two runs' lengths, at most; those of one budget end with their last whole round."""
 CURVE_SIZE, PANEL_SIZE = (560, 220), (340, 150)
 
 Document = Mapping[str, Any]
@@ -61,20 +64,25 @@ def explanation_page(registry: Registry, run: RunRecord, document: Document) -> 
     )
     labels = labels_for(document)
     script = resources.files("paddlectl.report").joinpath("templates/page.js").read_text(encoding="utf-8")
-    title, sources, _ = map(str, header_parts(run, labels))
+    title, sources, _, *way = map(str, header_parts(run, labels))
     colours = _colours(document)
     return environment.get_template("page.html.j2").render(
         title=title,
         sources=sources,
-        figures=[(n, written(run.results[field])) for n, field, written in FIGURES if field in run.results],
+        way="".join(way),
+        figures=figures_of(run.results),
         verdict=" ".join(map(str, verdict(document, labels))).strip(),
         curve=_curve(registry, run),
-        terms=TERMS if document["weights"] else "",
+        terms=floor_text(run).strip() if document["weights"] else "",
+        short=short_text(document["final_episodes"]),
         legend=[*_legend(colours, labels)],
         leaders=[*_leaders(document, colours)],
         psi=_psi(document, labels),
         program=_program(registry, run, document),
-        documents=[(name, _json(told)) for name, told in document["documents"].items()],
+        documents=[
+            (words(name), value_lines(told, labels), _json(told))
+            for name, told in document["documents"].items()
+        ],
         episodes=[*_episodes(registry, run, document, colours)],
         script=script,
         script_hash=f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}",
@@ -120,16 +128,18 @@ def _legend(colours: Mapping[str, int], labels: Labels) -> Iterator[tuple[str, i
 
 def _curve(registry: Registry, run: RunRecord) -> dict[str, Any] | None:
     """The score of the run, beside that of one from scratch if there is one; None without episodes."""
-    drawn = [_line(registry, run, run.method, 0)]
-    scratch = next(_from_scratch(registry, run), None)
-    if scratch is not None:
-        drawn.append(_line(registry, scratch, f"{scratch.method} from scratch ({scratch.id})", 1))
-    chart = [line for line in drawn if line]
-    if not chart:
+    own = _line(registry, run, run.method, 0)
+    if own is None:
         return None
-    longest = max(run.frames, *(line.x[-1] for line in chart))
+    chart, note, longest = [own], "", max(run.frames, own.x[-1])
+    scratch = next(_from_scratch(registry, run), None)
+    beside = scratch and _line(registry, scratch, f"{scratch.method} from scratch ({scratch.id})", 1)
+    if beside:
+        chart.append(beside.until(longest))
+    if scratch and scratch.frames > ALIKE * longest:
+        note = f"{scratch.id} went on to frame {scratch.frames:,}."
     legend = [(clean(line.name), line.colour) for line in chart]
-    return {"chart": lines(chart, longest, CURVE_SIZE), "legend": legend}
+    return {"chart": lines(chart, longest, CURVE_SIZE), "legend": legend, "note": note}
 
 
 def _line(registry: Registry, run: RunRecord, name: str, colour: int) -> Line | None:
@@ -305,7 +315,7 @@ def _film(shown: Film, recording: Document, labels: Labels, colours: Mapping[str
             "scene": part.scene,
             "subgoal": part.subgoal,
             "leader": part.leader and _name(part.leader, labels),
-            "led": "leads" if part.share is None else f"is mostly followed here, {percent(part.share)}",
+            "led": "leads" if part.share is None else f"is followed most often here, {percent(part.share)}",
             "share": "" if part.share is None else percent(part.share),
             "colour": _colour(part.leader, colours),
         }

@@ -132,7 +132,7 @@ def _told(tick: Tick) -> str:
 
 
 def _rates(tick: Tick) -> str:
-    solved = "the first episode goes on"
+    solved = "no episode has ended yet"
     if tick.latest_success is not None and tick.latest_score is not None:
         solved = f"success {100 * tick.latest_success:.0f} %  score {tick.latest_score:.2f}"
     return f"{solved}  {clean(tick.note)}".rstrip()

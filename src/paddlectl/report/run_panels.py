@@ -9,11 +9,10 @@ import numpy as np
 from paddlectl.errors import NotFoundError
 from paddlectl.experiments.curves import MOMENTS, WINDOW, LearningCurve, in_order
 from paddlectl.experiments.log import ended_episodes
-from paddlectl.registry.names import ELSEWHERE
 from paddlectl.registry.records import RunRecord
 from paddlectl.registry.store import Registry
 from paddlectl.report.explanation import reuse_rows, weight_rows
-from paddlectl.report.mapping import Labels
+from paddlectl.report.mapping import labels_of
 from paddlectl.report.panels import SCORE, Panel, Series
 from paddlectl.studies.results import EPISODES
 
@@ -54,7 +53,7 @@ def _followed(registry: Registry, run: RunRecord) -> list[Panel]:
     met = [frames for frames in sorted(followed) if totals[frames]]
     if not met:
         return []
-    labels = _labels(registry, run)
+    labels = labels_of(registry, run)
     candidates = dict.fromkeys(candidate for of_period in followed.values() for candidate in of_period)
     lines = tuple(
         Series.single(labels(candidate), met, [followed[at][candidate] / totals[at] for at in met])
@@ -70,12 +69,3 @@ def _counted(rows: Iterable[Mapping[str, Any]], who: str) -> dict[int, Counter[s
     for row in rows:
         periods.setdefault(row["frames"], Counter())[row[who]] += row["chosen"]
     return periods
-
-
-def _labels(registry: Registry, run: RunRecord) -> Labels:
-    """Sources by their tasks; of an imported run's, by their ids elsewhere."""
-    here = {
-        source: registry.policy(source).task for source in run.sources if not source.startswith(ELSEWHERE)
-    }
-    there = {source.removeprefix(ELSEWHERE): source for source in run.sources if source not in here}
-    return Labels(here | there)

@@ -8,8 +8,9 @@ from rich.console import RenderableType
 from paddlectl.registry.records import RunRecord
 from paddlectl.report.definitions import definition_lines
 from paddlectl.report.documents import run_row
+from paddlectl.report.mapping import Labels, sources_text
 from paddlectl.report.output import clean
-from paddlectl.report.tables import UNUSUAL, table
+from paddlectl.report.tables import UNUSUAL, figures_text, table
 
 
 def numbers(run: RunRecord) -> dict[str, Any]:
@@ -51,7 +52,7 @@ def run_document(run: RunRecord) -> dict[str, Any]:
     return {**run_row(run), "budget": run.settings.get("frames"), **numbers(run)}
 
 
-def run_parts(document: Mapping[str, Any]) -> list[RenderableType]:
+def run_parts(document: Mapping[str, Any], labels: Labels) -> list[RenderableType]:
     """What a run was, how it went, what it reused, and what was unusual in it."""
     seed, budget = document["seed"], document["budget"]
     of = f" of {budget:,}" if isinstance(budget, int) else ""
@@ -67,13 +68,11 @@ def run_parts(document: Mapping[str, Any]) -> list[RenderableType]:
     if document["scenario"]:
         parts.append(clean(f"scenario {document['scenario']}"))
     if document["sources"]:
-        parts.append(clean(f"sources: {', '.join(document['sources'])}"))
+        parts.append(sources_text(document["sources"], labels))
     if document["policy"]:
         parts.append(clean(f"policy: {document['policy']}"))
-    figures = {name: value for name, value in document["results"].items() if isinstance(value, int | float)}
-    if figures:
-        told = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in figures.items())
-        parts.append(clean(told))
+    if told := figures_text(document["results"]):
+        parts.append(told)
     if document["unusual"] == []:
         parts.append(clean(f"Its numbers are the usual ones of {document['method']}."))
     return [*parts, *numbers_parts(document, document["method"])]

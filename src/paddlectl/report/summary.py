@@ -6,36 +6,30 @@ from typing import Any, NamedTuple
 
 from rich.console import RenderableType
 
+from paddlectl.experiments.curves import WINDOW
+from paddlectl.methods.catalogue import METHODS
 from paddlectl.registry.records import RunRecord
 from paddlectl.report.explanation import PHASES, TARGET
 from paddlectl.report.followed import document_parts
 from paddlectl.report.grid import Grid, Head, Heading, Row
-from paddlectl.report.mapping import Labels, labels_for, scene_text, source_text
+from paddlectl.report.mapping import Labels, labels_for, scene_text, sources_text
 from paddlectl.report.output import clean, height
 from paddlectl.report.programs import minimised_grid, program_parts
 from paddlectl.report.standings import Subgoals, scenes_met
-from paddlectl.report.tables import figure, percent, significant, tenths
+from paddlectl.report.tables import figure, figures_text, percent, significant
 
 MOST_LINES = 40
 MOST = 12  # scenes, and clauses
 FREQUENT = 0.01  # share of the decisions from which a scene counts for the verdict
 NAMED = 3  # sources, and subgoals of one of them, that the verdict names
 
-# What a run's results are called here, and how they are written.
-FIGURES = (
-    ("jump-start", "jump_start", figure),
-    ("final score", "final_score", figure),
-    ("final success", "final_success", percent),
-    ("area under the curve", "area_under_curve", figure),
-    ("unseen success", "success_rate", percent),
-    ("unseen length", "mean_length", tenths),
-    ("crisp", "crispness", figure),
-)
 TERMS = (
-    "Λ is a policy's weight at the end of that part of the run. At each decision the policy with the largest"
-    " Λ leads. It is made of ψ, how similar the logic of two scenes is, and Φ, what its decisions earned."
+    "Λ is a policy's weight; here, that of the end of each part of the run. At each decision the policy with"
+    " the largest Λ leads. It is made of ψ, how similar the logic of two scenes is, and Φ, what its decisions"
+    " earned."
 )
 
+WEIGHT = "A policy is followed by its weight; --full tells what it is made of."
 SCENES = "A scene is written by the facts that hold in it; the other facts don't."
 
 Document = Mapping[str, Any]
@@ -82,15 +76,17 @@ def summary_parts(document: Document, run: RunRecord) -> list[RenderableType]:
 def _parts(document: Document, run: RunRecord, most: int) -> list[RenderableType]:
     labels = labels_for(document)
     early, late = phases(document)
+    short = short_text(document["final_episodes"])
     told = [
         *header_parts(run, labels),
+        *([short] if short else ()),
         *document_parts(document["documents"], labels),
         *verdict(document, labels),
     ]
     if early and most:
         weight, written = ("Λ", figure) if document["weights"] else ("weight", significant)
         told += _leaders(early, late, labels, most, Head(weight, right=True, spare=True), written)
-        told += [TERMS] if document["weights"] else []
+        told += [TERMS + floor_text(run) if document["weights"] else WEIGHT]
     nothing = not (early or document["trace"])
     told += alone_parts(run, document["documents"]) if nothing else []
     told += _program(document["program"], run, most)
@@ -99,14 +95,28 @@ def _parts(document: Document, run: RunRecord, most: int) -> list[RenderableType
 
 def header_parts(run: RunRecord, labels: Labels) -> list[RenderableType]:
     """What was run, and its figures."""
-    results = run.results
-    told = [f"{name} {written(results[field])}" for name, field, written in FIGURES if field in results]
-    sources = ", ".join(source_text(source, labels) for source in run.sources) or "no sources"
     return [
         clean(f"{run.id}: {run.method} on {run.task}, seed {run.seed}, {run.frames:,} frames, {run.status}"),
-        f"sources: {sources}",
-        ", ".join(told),
+        sources_text(run.sources, labels),
+        figures_text(run.results),
+        *([clean(f"{run.method}: {METHODS[run.method].summary}")] if run.method in METHODS else []),
     ]
+
+
+def short_text(final_episodes: int | None) -> str:
+    """What a reader must know of the figures of a short run."""
+    if final_episodes is None or final_episodes >= WINDOW:
+        return ""
+    return f"A short run: its figures of training are over {final_episodes} episodes instead of {WINDOW}."
+
+
+def floor_text(run: RunRecord) -> str:
+    """What is special about the target's Λ by the run's rules, if it has such."""
+    rules = run.settings.get("rules") or {}
+    floor, samples = rules.get("target_floor"), rules.get("target_samples")
+    if not floor or not samples:
+        return ""
+    return f" Until the target has led there {samples:g} times, its Λ is {floor:g}; it is never less."
 
 
 def phases(document: Document) -> tuple[Phase | None, Phase | None]:
@@ -150,23 +160,46 @@ def verdict(document: Document, labels: Labels) -> list[RenderableType]:
     early, late = phases(document)
     if not early:
         return []
-    second = "; ".join([*_taken_over(document), *_at_the_end(late, labels)])
+    second = "; ".join([*_taken_over(document), *_at_the_end(late, labels, bool(document["weights"]))])
     second = f" {second[0].upper()}{second[1:]}." if second else ""
     return ["", f"{_at_first(early, late, document, labels)}{second}"]
 
 
 def _at_first(early: Phase, late: Phase | None, document: Document, labels: Labels) -> str:
     led = sum(early.scenes.values(), Counter[str]())
+    until = f"Until frame {early.until:,}" if early.until else "At first"
+    until = until if late else "In the whole run"
+    others = early.total - sum(count for _, count in led.most_common(NAMED))
+    if not document["weights"]:
+        return _followed_at_first(until, led, others, labels)
     subgoals = Subgoals(document)
     told = []
     for policy, count in led.most_common(NAMED):
-        goals = _goals(policy, early, subgoals) if document["weights"] else ""
-        told.append(f"{percent(count / early.total)} by {name_of(policy, labels)}{goals}")
-    others = early.total - sum(count for _, count in led.most_common(NAMED))
-    told += [f"{percent(others / early.total)} by others"] if others else []
-    until = f"Until frame {early.until:,}" if early.until else "At first"
-    until = until if late else "In the whole run"
+        goals = _goals(policy, early, subgoals)
+        told.append(f"{_share(count, early.total)} by {name_of(policy, labels)}{goals}")
+    told += [f"{_share(others, early.total)} by others"] if others else []
     return f"{until} the decisions were led {_joined(told)}."
+
+
+def _followed_at_first(until: str, followed: Counter[str], others: int, labels: Labels) -> str:
+    """The same of a method without decisions."""
+    named = [(_itself(policy, labels), count) for policy, count in followed.most_common(NAMED)]
+    total = followed.total()
+    told = [
+        f"{name} in {_share(count, total)}"
+        for name, count in [*named, *([("others", others)] if others else [])]
+    ]
+    told[0] += " of its choices"
+    return f"{until} it followed {_joined(told)}."
+
+
+def _itself(policy: str, labels: Labels) -> str:
+    return "itself" if policy == TARGET else labels(policy)
+
+
+def _share(part: int, total: int) -> str:
+    share = part / total
+    return "under 1 %" if 0 < share < 0.005 else percent(share)
 
 
 def _joined(texts: Sequence[str]) -> str:
@@ -201,32 +234,39 @@ def _taken_over(document: Document) -> Iterator[str]:
         since = frames
     if not moments:
         return
+    guided = bool(document["weights"])
     if since is None:
-        yield "the target never led most of them for good"
+        yield "the target never led most of them for good" if guided else "it never kept to itself for good"
     elif since == min(moments):
-        yield "the target led most of them from the start"
+        yield (
+            "the target led most of them from the start"
+            if guided
+            else "it mostly followed itself from the start"
+        )
     else:
-        yield f"from frame {since:,} on the target led most of them"
+        led_most = "the target led most of them" if guided else "it mostly followed itself"
+        yield f"from frame {since:,} on {led_most}"
 
 
-def _at_the_end(late: Phase | None, labels: Labels) -> Iterator[str]:
-    """Where others lead still."""
+def _at_the_end(late: Phase | None, labels: Labels, guided: bool) -> Iterator[str]:
+    """Where others lead, or are followed, still."""
     if not late:
         return
     frequent = [scene for scene, led in late.scenes.items() if led.total() >= FREQUENT * late.total]
     leaders = [(scene, leader[0]) for scene in frequent if (leader := late.leader(scene))]
     others = [(scene, policy) for scene, policy in leaders if policy != TARGET]
+    does = "the target leads" if guided else "it follows itself most often"
     if not others:
         all_ = (
             f"all of the {len(leaders)} scenes that come" if len(leaders) > 1 else "the one scene that comes"
         )
-        yield f"in the end the target leads in {all_} up most"
+        yield f"in the end {does} in {all_} up most"
         return
     scene, policy = others[0]
     elsewhere = " and elsewhere" if len(others) > 1 else ""
     own = len(leaders) - len(others) or "none"
     yield (
-        f"in the end the target leads in {own} of the {len(leaders)} scenes that come up most,"
+        f"in the end {does} in {own} of the {len(leaders)} scenes that come up most,"
         f" {labels(policy)} in {context_text(scene)}{elsewhere}"
     )
 
@@ -289,8 +329,8 @@ def alone_parts(run: RunRecord, documents: Document) -> list[RenderableType]:
     if run.sources and not documents:
         told = ["No choice among its sources was recorded."]
     way = f"How it does on unseen layouts: paddlectl evaluate {run.policy}"
-    parts = [*told, *([way] if run.policy else [])]
-    return [Heading("Guidance"), *parts] if parts else []
+    parts: list[RenderableType] = [*told, *([way] if run.policy else [])]
+    return [Heading("Guidance"), *parts] if told else parts
 
 
 def _program(program: Document | None, run: RunRecord, most: int) -> list[RenderableType]:

@@ -1,5 +1,6 @@
 """Small charts as SVG text: lines, and shares stacked on each other. A colour is a class of the page's."""
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -27,6 +28,11 @@ class Line(NamedTuple):
     colour: int
     x: Sequence[float]
     y: Sequence[float]
+
+    def until(self, most_x: float) -> "Line":
+        """Its beginning, up to there."""
+        count = bisect_right(self.x, most_x)
+        return self._replace(x=self.x[:count], y=self.y[:count])
 
 
 def lines(chart: Sequence[Line], most_x: float, size: tuple[int, int]) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rich.console import RenderableType
+from rich.filesize import decimal
 
 from paddlectl.report.grid import Grid, Head, Row
 from paddlectl.report.output import clean
@@ -62,6 +63,11 @@ def listing(values: Any) -> str:
     return ", ".join(values or ()) or "–"
 
 
+def file_size(count: int) -> str:
+    """Bytes as `15.1 MB`."""
+    return decimal(count)
+
+
 def yes(value: Any) -> str:
     return "yes" if value else "no"
 
@@ -99,11 +105,34 @@ def listed(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]], total: 
     return [table(columns, rows), *([f"{more:,} more; --all lists them"] if more > 0 else [])]
 
 
+FIGURES = (
+    Column("jump-start", "jump_start", figure),
+    Column("final score", "final_score", figure),
+    Column("final success", "final_success", percent),
+    Column("area under the curve", "area_under_curve", figure),
+    Column("unseen success", "success_rate", percent),
+    Column("unseen score", "mean_score", figure),
+    Column("unseen length", "mean_length", tenths),
+    Column("crisp", "crispness", figure),
+)
+"""A run's results."""
+
+
+def figures_of(results: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What each of them is called, and how it is written."""
+    return [(each.title, each.written(results[each.field])) for each in FIGURES if each.field in results]
+
+
+def figures_text(results: Mapping[str, Any]) -> str:
+    """All of them in a line."""
+    return ", ".join(f"{name} {value}" for name, value in figures_of(results))
+
+
 TASKS = (
     Column("task", "name"),
     Column("domain", "domain"),
     Column("horizon", "horizon", count),
-    Column("heads", "heads", size),
+    Column("subgoals", "heads", size),
     Column("facts", "vocabulary", size),
     Column("what it is", "summary", words),
 )
@@ -128,8 +157,8 @@ RUNS = (
     Column("scenario", "scenario"),
     Column("seed", "seed", seed),
     Column("status", "status"),
-    Column("frames", "frames", count),
     Column("success", "success_rate", percent),
+    Column("frames", "frames", count),
     Column("policy", "policy"),
 )
 LABELLED = (

@@ -9,7 +9,7 @@ from paddlectl import statistics
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry.names import nearest, shown
 from paddlectl.statistics import Sample
-from paddlectl.studies.grouped import FIGURES, SCORES, Grouped, newest
+from paddlectl.studies.grouped import FIGURES, SCORES, Grouped, age, one_of_each
 from paddlectl.studies.results import Result
 from paddlectl.studies.verdicts import UNDECIDED, notes_of, sentences, verdict_of
 
@@ -53,9 +53,11 @@ def comparison_document(
     long = [result for result in results if result.has_figures]
     if not long:
         raise UsageError(
-            "no run is long enough to have figures: the first episode of each goes on", "give more --frames"
+            "no run is long enough to have figures: none has an episode that ended", "give more --frames"
         )
-    kept, older = newest(long, lambda r: (r.scenario, r.target, r.method, r.variant, r.seed), lambda r: r.run)
+    kept, older = one_of_each(
+        long, lambda r: (r.scenario, r.target, r.method, r.variant, r.seed), lambda r: age(r.run)
+    )
     grouped = Grouped(kept)
     chosen = _chosen(grouped.labels, of)
     made = _Comparison(grouped, chosen)

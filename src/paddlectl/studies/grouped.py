@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,13 +17,18 @@ FIGURES = (*SCORES, "frames_to_success")
 """What methods are compared by. Of the last one less is better; it is infinite if a run never got there."""
 
 
-def newest(
-    items: Sequence[T], key: Callable[[T], Hashable], run: Callable[[T], str]
+def one_of_each(
+    items: Sequence[T], key: Callable[[T], Hashable], rank: Callable[[T], Any]
 ) -> tuple[list[T], list[T]]:
-    """Of the items with the same key the one of the newest run; and the others."""
-    latest = {key(item): item for item in sorted(items, key=lambda item: number_of(run(item), "run") or 0)}
-    kept = [item for item in items if latest[key(item)] is item]
-    return kept, [item for item in items if latest[key(item)] is not item]
+    """Of the items with the same key the one of the highest rank; and the others."""
+    highest = {key(item): item for item in sorted(items, key=rank)}
+    kept = [item for item in items if highest[key(item)] is item]
+    return kept, [item for item in items if highest[key(item)] is not item]
+
+
+def age(run: str) -> int:
+    """The newer a run is, the larger."""
+    return number_of(run, "run") or 0
 
 
 def label_of(method: str, variant: str) -> str:

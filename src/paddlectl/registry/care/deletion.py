@@ -47,7 +47,8 @@ def chosen_runs(
         shown = ", ".join(run.id for run in building[:NAMED])
         more = f" and {len(building) - NAMED:,} more" if len(building) > NAMED else ""
         raise UsageError(
-            f"{shown}{more} built on what shall go", "keep it, or delete those as well: --with-dependants"
+            f"{shown}{more} reused what was learned there",
+            "keep it, or delete those as well: --with-dependants",
         )
     return found
 
