@@ -44,7 +44,7 @@ from paddlectl.transfer.guidance import GuidanceSettings
 HERE = Path(__file__).parent
 SOURCES = ("BlockedDoor", "GapBall", "DoorBall", "OpenGoal", "BoxDoor")
 SCENARIOS = ("A", "B", "C", "D", "A-place", "B-place", "C-place", "D-place")
-PARTS = ("sources", "paddle", "hdm", "finetune", "led", "random", "paper")
+PARTS = ("sources", "paddle", "hdm", "led", "random", "paper")
 SEEDS = (10, 11, 12, 13, 14, 15)
 BUDGETS = {"BlockedBoxUnlockPickup": 60_000, "BlockedBoxPlaceGoal": 100_000}  # of a target, in frames
 WITH_RANDOM = "A"
@@ -85,14 +85,12 @@ def jobs_of(options: argparse.Namespace, registry: Registry) -> Iterator[Job]:
             yield from (TrainJob(task, seed, options.frames, changes) for task in options.tasks)
     transfer = partial(TransferJob, changes=changes)
     scratch = set()
-    for name in options.scenarios if set(options.parts) & {"paddle", "hdm", "finetune", "led"} else ():
+    for name in options.scenarios if set(options.parts) & {"paddle", "hdm", "led"} else ():
         scenario = scenario_of(name)
         frames = options.frames or BUDGETS.get(scenario.target, scenario.frames)
         for seed in options.seeds:
             if "paddle" in options.parts:
                 yield transfer(scenario, sources_of(registry, scenario, seed), "paddle", seed, frames)
-            if "finetune" in options.parts:
-                yield transfer(scenario, sources_of(registry, scenario, seed), "finetune", seed, frames)
             for added, who in LED.items() if "led" in options.parts else ():
                 other = scenario.model_copy(update={"name": scenario.name + added})
                 rules = replace(GuidanceSettings(), episodes=who)

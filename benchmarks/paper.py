@@ -74,7 +74,9 @@ def head() -> Iterator[str]:
         "interquartile means over seeds with 95 % intervals, bold where they are the best or not told "
         "apart from it. *Unseen* is the share of 200 layouts that no training uses which the worst seed's"
         " policy solves, *steps* the mean length of those episodes, *sources* the frames that training "
-        "the sources took, which count for no method. P is the probability that PADDLE does better than "
+        "the sources took, which count for no method. Environments begin their first episodes together, "
+        "and an episode that isn't solved lasts to the horizon; so at first curves rise in steps. P is the "
+        "probability that PADDLE does better than "
         "the other one; it is said to be ahead or behind only where its whole interval is above or below "
         "0.5."
     )

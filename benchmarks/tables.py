@@ -156,7 +156,7 @@ _WHY: list[Column] = [
 ]
 
 
-RIVALS = ("finetune", "hdm")
+RIVAL = "hdm"
 SCENARIOS = ("A", "B", "C", "D", "A-place", "B-place", "C-place", "D-place")
 RESAMPLES = 20_000
 
@@ -168,14 +168,13 @@ def compared(results: Run) -> str:
         if run["kind"] == "transfer":
             key = run["method"], run["task"], run["scenario"]
             by_name.setdefault(key, {})[run["seed"]] = run["area_under_curve"]
-    rows = [["scenario", "against", "seeds", "`paddle`", "it", "difference", "P(improvement)", "`paddle` is"]]
+    rows = [["scenario", "seeds", "`paddle`", f"`{RIVAL}`", "difference", "P(improvement)", "`paddle` is"]]
     for (method, task, scenario), ours in sorted(by_name.items(), key=str):
-        for rival in RIVALS if method == "paddle" and scenario in SCENARIOS else ():
-            theirs = by_name.get((rival, task, None if rival == "hdm" else scenario), {})
-            seeds = sorted(ours.keys() & theirs.keys())
-            if seeds:
-                x, y = (np.array([found[seed] for seed in seeds]) for found in (ours, theirs))
-                rows.append([str(scenario), f"`{rival}`", str(len(seeds)), *_difference(x, y)])
+        theirs = by_name.get((RIVAL, task, None), {})
+        seeds = sorted(ours.keys() & theirs.keys())
+        if method == "paddle" and scenario in SCENARIOS and seeds:
+            x, y = (np.array([found[seed] for seed in seeds]) for found in (ours, theirs))
+            rows.append([str(scenario), str(len(seeds)), *_difference(x, y)])
     return _markdown(rows) if len(rows) > 1 else ""
 
 
@@ -187,7 +186,7 @@ def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> list[
     better = _improvement(ours[drawn], theirs[rng.integers(n, size=(RESAMPLES, n))])
     low, high = np.quantile(differences, (0.025, 0.975))
     worst, best = np.quantile(better, (0.025, 0.975))
-    verdict = "ahead" if low > 0 else "behind" if high < 0 else "level"
+    verdict = "ahead" if worst > 0.5 else "behind" if best < 0.5 else "level"
     return [
         f"{ours.mean():.2f}",
         f"{theirs.mean():.2f}",

@@ -213,3 +213,13 @@ def test_in_a_process_of_its_own(compared: Registry, process) -> None:
     done = process("compare", "--registry", compared.location, COLUMNS="80")
     assert done.returncode == 0 and done.stderr == ""
     assert all(len(line.rstrip()) <= 80 for line in done.stdout.splitlines())
+
+
+def test_seeds_choose_of_runs_and_of_results(compared: Registry, command: Command, tmp_path: Path) -> None:
+    told = command("compare", *A, "--seeds", "1-2", "--json").json
+    assert {tuple(cell["seeds"]) for cell in told["cells"]} == {(1, 2)}
+    path = tmp_path / "results.json"
+    write_results(path, results({("A", "paddle"): SIX, ("A", "cup"): SIX}))
+    assert command("compare", path, "--seeds", "3,5", "--json").json["cells"][0]["seeds"] == [3, 5]
+    answer = command("compare", path, "--seeds", "12")
+    assert answer.code == 4 and "is of seed 12; there are 0, 1, 2, 3, 4, 5" in answer.err

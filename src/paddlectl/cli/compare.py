@@ -42,6 +42,7 @@ class Traits(NamedTuple):
     scenario: str
     method: str
     task: str
+    seed: str
 
 
 ComparedFile = Annotated[
@@ -121,9 +122,11 @@ def compare(
 
     require_figure(figure)
     of_study = file is not None and shipped.study(file).suffix in STUDIES
-    if not of_study and (seeds is not None or frames is not None):
-        raise UsageError("--seeds and --frames choose cells of a study (.yaml)", "leave them out")
+    if not of_study and frames is not None:
+        raise UsageError("--frames chooses cells of a study (.yaml)", "leave it out")
     wanted = {"scenario": scenario or (), "method": method or (), "task": task or ()}
+    if not of_study:
+        wanted["seed"] = [*map(str, chosen_seeds(None, seeds, ()))]
     if file is None:
         results, notes = from_registry(registry, wanted)
     elif of_study:
@@ -198,8 +201,8 @@ def from_registry(place: str, wanted: "Mapping[str, Sequence[str]]") -> "tuple[l
     finished = [run for run in transfers if run.status == "finished" and run.policy]
     fitting = chosen(finished, traits_of_run, wanted, registry.shown, _way_to_transfer)
     _require_one_task_a_name(fitting)
-    runs, others = one_of_each(fitting, lambda run: (*traits_of_run(run), run.seed), _rank)
-    runs.sort(key=lambda run: (*traits_of_run(run), run.seed))
+    runs, others = one_of_each(fitting, traits_of_run, _rank)
+    runs.sort(key=lambda run: (traits_of_run(run)[:-1], run.seed))
     unfinished = [run for run in transfers if run.status != "finished" and _fits(traits_of_run(run), wanted)]
     return [result_of(registry, run) for run in runs], _notes(runs, others, len(unfinished))
 
@@ -237,8 +240,8 @@ def _rank(run: "RunRecord") -> tuple[bool, int, int]:
 def _notes(runs: "Sequence[RunRecord]", others: "Sequence[RunRecord]", unfinished: int) -> list[str]:
     notes = []
     if others:
-        taken = {(traits_of_run(run), run.seed): run.settings for run in runs}
-        unlike = sum(run.settings != taken[traits_of_run(run), run.seed] for run in others)
+        taken = {traits_of_run(run): run.settings for run in runs}
+        unlike = sum(run.settings != taken[traits_of_run(run)] for run in others)
         told = f", {unlike} of them with other settings" if unlike else ""
         notes.append(
             f"runs left out: {len(others)}{told}; of a scenario, method and seed the one with the usual"
@@ -250,11 +253,11 @@ def _notes(runs: "Sequence[RunRecord]", others: "Sequence[RunRecord]", unfinishe
 
 
 def traits_of_run(run: "RunRecord") -> Traits:
-    return Traits(run.scenario or run.task, run.method, run.task)
+    return Traits(run.scenario or run.task, run.method, run.task, str(run.seed))
 
 
 def traits_of_result(result: "Result") -> Traits:
-    return Traits(result.scenario, result.method, result.target)
+    return Traits(result.scenario, result.method, result.target, str(result.seed))
 
 
 def chosen(
@@ -282,7 +285,9 @@ def chosen(
     if not there:
         raise NotFoundError(f"no finished transfer in {shown(where)}", f"run: {way_to('')}")
     for trait, names in wanted.items():
-        known = sorted({getattr(its, trait) for its in there})
+        known = sorted(
+            {getattr(its, trait) for its in there}, key=lambda name: (name.isdigit() and len(name), name)
+        )
         for name in names:
             if name not in known:
                 told = f"no finished transfer in {shown(where)} is of {trait} {shown(name)}"
