@@ -228,7 +228,7 @@ def test_of_a_method_that_follows_it_tells_whom_mostly(registry: Registry) -> No
     registry.files.append_rows(run, "reuse", rows)
     text = page(registry, run)
     parsed(text)
-    assert "<b>BlockedDoor</b> is followed most often here, 75 %" in text
+    assert "<b>BlockedDoor</b> is followed most often here, 75\xa0%" in text
     assert "goes for" not in text
 
 

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
@@ -14,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from paddlectl.errors import IntegrityError, PaddlectlError
 from paddlectl.experiments.curves import LearningCurve, in_order
 from paddlectl.experiments.log import ended_episodes
+from paddlectl.experiments.policies import needs_of
 from paddlectl.experiments.similar import stored_program
 from paddlectl.logic.prolog import format_prolog
 from paddlectl.methods.catalogue import METHODS
@@ -66,8 +68,9 @@ def explanation_page(registry: Registry, run: RunRecord, document: Document) -> 
     script = resources.files("paddlectl.report").joinpath("templates/page.js").read_text(encoding="utf-8")
     title, sources, _, *way = map(str, header_parts(run, labels))
     colours = _colours(document)
-    return environment.get_template("page.html.j2").render(
+    html = environment.get_template("page.html.j2").render(
         title=title,
+        summary=_summary(run),
         sources=sources,
         way="".join(way),
         figures=figures_of(run.results),
@@ -90,6 +93,16 @@ def explanation_page(registry: Registry, run: RunRecord, document: Document) -> 
         settings=_json(run.settings),
         versions=sorted(run.versions.items()),
     )
+    return re.sub(r"(?<=\d) %", "\N{NO-BREAK SPACE}%", html)
+
+
+def _summary(run: RunRecord) -> str:
+    """What its task is; nothing where that isn't there."""
+    try:
+        task, _ = needs_of(run)
+    except PaddlectlError:
+        return ""
+    return clean(f"{task.name}: {task.summary}") if task.summary else ""
 
 
 def _json(value: Any) -> str:

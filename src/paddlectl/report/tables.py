@@ -101,6 +101,8 @@ def table(columns: Iterable[Column], rows: Iterable[Mapping[str, Any]], title: s
 
 def listed(columns: Iterable[Column], rows: Sequence[Mapping[str, Any]], total: int) -> list[RenderableType]:
     """A table of the newest of so many rows, and how to see the others."""
+    if not rows:
+        return ["there are none"]
     more = total - len(rows)
     return [table(columns, rows), *([f"{more:,} more; --all lists them"] if more > 0 else [])]
 
