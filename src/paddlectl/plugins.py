@@ -7,6 +7,7 @@ Tasks come from files, too, that were given on the command line: `load_file` run
 """
 
 import hashlib
+import os
 import re
 import sys
 from collections.abc import Callable, Container, Iterator, Mapping
@@ -197,13 +198,19 @@ def told(error: BaseException) -> str:
     """
     import traceback
 
-    ours = Path(__file__).parent
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith("<") and ours not in Path(frame.filename).parents
-    ]
+    if isinstance(error, PaddlectlError):
+        return error.message[:200]
+    told = f"{type(error).__name__}: {error}"[:200]
+    if isinstance(error, SyntaxError):
+        return told  # has its place
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if _is_theirs(frame.filename)]
     frames = [frame for frame in frames if Path(frame.filename) in _files] or frames
-    place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    kind = "" if isinstance(error, PaddlectlError) else f"{type(error).__name__}: "
-    return f"{kind}{error}"[:200] + place
+    return told + (f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else "")
+
+
+def _is_theirs(file: str) -> bool:
+    """Whether it is neither of this package nor of Python's own library."""
+    path, library = Path(file), Path(os.__file__).parent
+    installed = {"site-packages", "dist-packages"} & set(path.parts)
+    ours = Path(__file__).parent in path.parents
+    return not (file.startswith("<") or ours or (library in path.parents and not installed))

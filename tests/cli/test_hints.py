@@ -359,3 +359,25 @@ def test_the_command_in_a_hint_works_and_no_hint_is_left_out(
         if where.partition(":")[0] not in ALIKE and not re.search(pattern, everything)
     ]
     assert left == []
+
+
+def test_what_is_no_run_or_policy_is_told_with_what_may_have_been_meant(
+    registry: Registry, command: Command
+) -> None:
+    for line in ("show RUN-1", "watch run-11 --gif x.gif", "evaluate run_1"):
+        answer = command(*line.split())
+        assert answer.code == 4 and "no run" in answer.err and "did you mean run-" in answer.err, line
+    for line in ("explain policy-1", "resume policy-1"):
+        answer = command(*line.split())
+        assert answer.err == "error: policy-1 is a policy, no run\nrun-1 learned it\n", line
+
+
+def test_a_run_that_goes_on_is_told_so_far(registry: Registry, command: Command) -> None:
+    run = registry.add_run(
+        kind="transfer", method="paddle", task=TARGET, scenario="A", sources=["policy-1"], seed=0,
+        settings={"frames": 9000}, versions={},
+    ).id  # fmt: skip
+    registry.files.append_rows(run, "progress", [{"frames": 4096, "episodes": 12, "seconds": 1.0}])
+    assert "4,096 of 9,000 frames, 12 episodes" in command("show", run).out
+    assert "4,096 frames, running" in command("explain", run).out
+    assert command("runs", "--json").json["runs"][0]["episodes"] == 12

@@ -357,3 +357,9 @@ def test_an_imported_run_is_labelled_as_it_comes(
     assert command("registry", "import", tmp_path / "a.zip", *given, *elsewhere).code == 0
     (run,) = command("runs", "--json", *elsewhere).json["runs"]
     assert (run["name"], run["tags"]) == ("theirs", ["a", "b"])
+
+
+def test_the_tag_that_can_not_be_one_is_told(registry: Registry, command: Command) -> None:
+    registry.label_runs(["run-1"], tags=[f"tag{n}" for n in range(20)])
+    answer = command("label", "run-1", "--tag", "a b")
+    assert answer.code == 2 and "tags can't be 'a b'" in answer.err

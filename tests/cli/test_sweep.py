@@ -1,6 +1,7 @@
 """`paddlectl sweep`: a small study run for real, and what it says."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,10 @@ from hurried import hurry
 from paddlectl.errors import PaddlectlError
 from paddlectl.experiments.jobs import Failure
 from paddlectl.registry.store import Registry
-from paddlectl.studies.results import read_results
+from paddlectl.studies.results import Result, change_results, read_results, write_results
 from samples import ROOT, Command
+from studies.made import SIX
+from studies.made import results as made
 
 A = ROOT / "scenarios" / "A.yaml"
 
@@ -83,6 +86,27 @@ def test_it_goes_on_where_another_machine_left_off(
     command("sweep", study(tmp_path, "hdm"), "--frames", "1024", "--results", results, "--jobs", 1)
     new, other = read_results(results)
     assert (new.method, other.method) == ("hdm", "ppo") and new.cell != there.cell, "a new row in its place"
+
+
+def test_what_another_sweep_wrote_meanwhile_stays(tmp_path: Path) -> None:
+    results = tmp_path / "results.json"
+    rows = made({("A", "paddle"): SIX})
+    write_results(results, rows[:1])
+
+    def change(before: Sequence[Result]) -> list[Result]:
+        return [*before, rows[len(before)]]
+
+    with ThreadPoolExecutor() as pool:
+        [*pool.map(lambda _: change_results(results, change), range(5))]
+    assert read_results(results) == rows
+
+
+@pytest.mark.parametrize("place", ["/proc/results.json", "/proc/new/results.json"])
+def test_where_results_can_not_be_written_is_told_before_anything_runs(
+    command: Command, tmp_path: Path, failing: list[Any], place: str
+) -> None:
+    answer = command("sweep", study(tmp_path), "--results", place)
+    assert answer.code == 2 and "can't be written" in answer.err and failing == []
 
 
 def test_a_file_of_results_that_is_none_is_told_before_anything_runs(

@@ -62,7 +62,7 @@ def test_it_doesnt_come_back_by_a_repair_not_even_of_a_lost_index(registry: Regi
 
 
 def test_what_others_build_on_goes_only_with_them(registry: Registry) -> None:
-    with pytest.raises(UsageError, match="run-3 built on"):
+    with pytest.raises(UsageError, match="run-3 reused what was learned there"):
         gone(registry, "run-1")
     run = registry.add_run(
         kind="transfer", method="paddle", task=TARGET, scenario="B", sources=["policy-3"], seed=0,

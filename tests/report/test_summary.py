@@ -94,7 +94,7 @@ def test_a_target_that_led_most_from_the_start_or_never() -> None:
 
 def test_a_run_that_ended_early_is_told_as_a_whole() -> None:
     moments = [moment(1000, "policy-1", 9), moment(2000, "target", 9)]
-    assert told(weights=EARLY, moments=moments).startswith("In the whole run the decisions were led 60 % by")
+    assert told(weights=EARLY, moments=moments).startswith("In all, the decisions were led 60 % by")
 
 
 def test_who_was_dropped_has_no_weight() -> None:
@@ -110,7 +110,7 @@ def test_a_run_of_before_moments_were_recorded_tells_no_moment() -> None:
 def test_of_a_method_that_follows_the_first_and_the_last_period_are_told() -> None:
     rows = [followed(1000, A, "policy-1", 3), followed(1000, A, "target", 1), followed(2000, A, "target", 5)]
     assert told(reuse=rows) == (
-        "Until frame 1,000 it followed Door in 75 % of its choices and itself in 25 %. From frame 2,000 on it"
+        "Until frame 1,000 it followed Door in 75 % of its choices and itself in 25 %. From frame 1,000 on it"
         " mostly followed itself; in the end it follows itself most often in the one scene that comes up"
         " most."
     )

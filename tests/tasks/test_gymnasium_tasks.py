@@ -290,6 +290,7 @@ def test_what_is_wrong_with_a_task_is_told_in_a_line(changes: dict[str, Any], to
     ("changes", "told"),
     [
         ({"milestones": ("gt_high()",)}, "milestone gt_high() is none of its subgoals"),
+        ({"exclusions": (("nope()",),)}, "exclusion nope() is none of its predicates"),
         ({"domain_subgoals": ("gt_low()",)}, "gt_goal() is none of its domain_subgoals"),
         ({"horizon": 0}, "horizon must be a whole number in 1..1,000,000, not 0"),
         ({"predicates": {"low": LAKE.success}}, "expected"),

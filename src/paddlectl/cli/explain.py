@@ -57,7 +57,7 @@ def explain(
     if html is not None:
         require_output(html, ".html", ".htm")
     opened = Registry.open(registry, create=False)
-    record = transfer_run(opened, run)
+    record = opened.so_far(transfer_run(opened, run))
     document = explanation_document(opened, record, recorded=as_json)
     if html is not None:
         _write(html, opened, record, document)

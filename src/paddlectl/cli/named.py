@@ -87,6 +87,8 @@ def held(registry: "Registry", name: str) -> "RunRecord | PolicyRecord":
     try:
         return registry.run_called(name) or policy_named(registry, name)
     except NotFoundError:
+        if name.lower().startswith("run"):
+            return registry.run(name)  # tells what may have been meant
         near = "" if is_id(name) or is_file(name) else nearest(name, registry.run_names(name), 0.85)
         if not near:
             raise

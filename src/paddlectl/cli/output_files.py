@@ -20,7 +20,7 @@ def require_output(path: Path, *suffixes: str) -> None:
     try:
         there, plain, folder = path.exists() or path.is_symlink(), _is_plain(path), path.parent.is_dir()
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise unwritable(path, error) from error
     if not folder:
         raise UsageError(f"{path} can't be written: there is no folder {path.parent}", "make it first")
     if there and not plain:
@@ -38,12 +38,13 @@ def write_output(path: Path, data: bytes) -> None:
     try:
         write_atomically(path, data, shared=False)
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise unwritable(path, error) from error
 
 
 def _is_plain(path: Path) -> bool:
     return path.is_file() and not path.is_symlink()
 
 
-def _unwritable(path: Path, error: OSError) -> UsageError:
+def unwritable(path: Path, error: OSError) -> UsageError:
+    """How it is told that a file can't be written."""
     return UsageError(f"{path} can't be written: {error.strerror}", "name a file elsewhere")

@@ -81,7 +81,12 @@ def plot(
         scores = panels[0].series[0].mid
         told = [f"score {sparkline(scores, BARS, sys.stdout.encoding)} {scores[-1]:.2f}"]
     name = name if x == "frames" else f"{name}-{x}"
-    files = write_figure(panels, to, name, caption)
+    try:
+        files = write_figure(panels, to, name, caption)
+    except OSError as error:
+        raise UsageError(
+            f"nothing can be written in {to}: {error.strerror}", "name another: --to FOLDER"
+        ) from error
     if as_json:
         print_json({"figure": name, **{kind: str(path) for kind, path in files.items()}})
     else:

@@ -117,11 +117,8 @@ def runs(
     opened = Registry.open(registry, create=False)
 
     def document() -> dict[str, Any]:
-        found = runs_document(*opened.newest_runs(most, wanted, since or ""))
-        for row in found["runs"]:
-            if row["status"] == "running":
-                row["frames"] = max(row["frames"], _frames_so_far(opened, row))
-        return found
+        found, total = opened.newest_runs(most, wanted, since or "")
+        return runs_document([*map(opened.so_far, found)], total)
 
     def told(found: dict[str, Any]) -> list[Any]:
         return listed(RUNS, found["runs"], found["total"])
@@ -155,9 +152,3 @@ def _note_none(registry: "Registry", wanted: dict[str, str]) -> None:
             print(
                 one_line(f"note: no run has the {noun} {shown(name)}{near and f'; {near}'}"), file=sys.stderr
             )
-
-
-def _frames_so_far(registry: "Registry", run: dict[str, Any]) -> int:
-    """Environment steps of a run that goes on, by the latest line of its log."""
-    latest = registry.files.read_rows(run["run"], "progress")[-1:]
-    return next((int(row["frames"]) for row in latest if isinstance(row.get("frames"), int)), 0)

@@ -23,7 +23,7 @@ def show(
     opened = Registry.open(registry, create=False)
     record = held(opened, name)
     if isinstance(record, RunRecord):
-        document = run_document(record)
+        document = run_document(opened.so_far(record))
         parts = run_parts(document, labels_of(opened, record))
     else:
         document = {**program_document(record), **numbers(opened.run(record.run))}

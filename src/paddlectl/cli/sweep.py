@@ -23,13 +23,13 @@ from paddlectl.cli.options import (
     complete_studies,
     file_at,
 )
-from paddlectl.cli.output_files import require_output
+from paddlectl.cli.output_files import require_output, unwritable
 from paddlectl.cli.texts import here
 from paddlectl.errors import NotFoundError, PaddlectlError, UsageError
 from paddlectl.registry.names import quoted, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence, Set
+    from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 
     from paddlectl.experiments.jobs import Failure
     from paddlectl.registry.store import Registry
@@ -103,33 +103,36 @@ def sweep(
         from paddlectl.cli.running import require_none
         from paddlectl.registry.store import Registry
         from paddlectl.studies.cells import cells_of
-        from paddlectl.studies.results import read_results, write_results
+        from paddlectl.studies.results import read_results
         from paddlectl.studies.study import load_study
         from paddlectl.studies.sweep import brought_up_to_date, plan
 
         _require_cluster(on, jobs, checkpoint_every)
         loaded = load_study(shipped.study(file))
-        before: Sequence[Result] = ()
         if results is not None:
-            _require_writable(results)
-            before = read_results(results) if results.exists() else ()
+            _require_writable(results, dry_run)
+        before = read_results(results) if results is not None and results.exists() else ()
         kept = {result.cell for result in before}
         cells = cells_of(loaded, chosen_seeds(None, seeds, loaded.study.seeds), frames)
-        line = _line(file, seeds, frames)
+        line = _line(file, {"--seeds": seeds, "--frames": frames})
+        again = _line(
+            file, {"--seeds": seeds, "--frames": frames, "--results": results, "--jobs": jobs, "--on": on}
+        )
         failed: Mapping[str, Failure] = {}
         opened = _opened(registry) if dry_run else Registry.open(registry)
         try:
             if opened and not dry_run:
-                failed = _run_missing(opened, cells, kept, line, fail_fast, jobs, checkpoint_every, on)
+                failed = _run_missing(opened, cells, kept, again, fail_fast, jobs, checkpoint_every, on)
         finally:
             if results is not None and not dry_run:
-                write_results(results, brought_up_to_date(opened, cells, before))
+                _write(results, lambda rows: brought_up_to_date(opened, cells, rows))
         now = plan(opened, cells, kept)
         left = _estimate(now, registry, jobs) if dry_run else ""
     if as_json:
         print_json(document(loaded.study.name, now, failed))
     else:
-        print_text([f"{loaded.study.name}: {_counts(now)}", *filter(None, [left, _next(line, now, dry_run)])])
+        further = [left, _next(line, again, now, dry_run)]
+        print_text([f"{loaded.study.name}: {_counts(now)}", *filter(None, further)])
     require_none(failed)
 
 
@@ -152,11 +155,27 @@ def document(study: str, now: "Plan", failed: "Mapping[str, Failure]") -> dict[s
     return {"study": study, "cells": cells, "failed": told}
 
 
-def _require_writable(results: Path) -> None:
+def _require_writable(results: Path, dry_run: bool) -> None:
+    """Makes sure that results can be kept there, before anything runs for them."""
     if results.is_dir():
         raise UsageError(f"{results} is a folder", "name a file in it")
-    results.parent.mkdir(parents=True, exist_ok=True)
+    if dry_run:
+        return
+    try:
+        results.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(results, error) from error
     require_output(results, ".json")
+    _write(results, lambda rows: rows)
+
+
+def _write(results: Path, change: "Callable[[Sequence[Result]], Iterable[Result]]") -> None:
+    from paddlectl.studies.results import change_results
+
+    try:
+        change_results(results, change)
+    except OSError as error:
+        raise unwritable(results, error) from error
 
 
 def _require_cluster(on: str | None, jobs: int | None, checkpoint_every: float | None) -> None:
@@ -182,7 +201,7 @@ def _run_missing(
     registry: "Registry",
     cells: "Sequence[Cell]",
     kept: "Set[str]",
-    line: str,
+    again: str,
     fail_fast: bool,
     jobs: int | None,
     checkpoint_every: float | None,
@@ -219,8 +238,7 @@ def _run_missing(
                 if (fail_fast and failed) or not (steps or now.elsewhere):
                     break
     except KeyboardInterrupt:
-        place = f" --on {quoted(on)}" if on else ""
-        print(here(f"go on with: paddlectl sweep {line}{place}"), file=sys.stderr)
+        print(here(f"go on with: paddlectl sweep {again}"), file=sys.stderr)
         raise
     lacking = {} if fail_fast and failed else now.lacking(tried, failed)
     return failed | {name: Failure(None, PaddlectlError(why)) for name, why in lacking.items()}
@@ -257,14 +275,13 @@ def _counts(now: "Plan") -> str:
     return f"{len(now.cells)} cells: {told}"
 
 
-def _next(line: str, now: "Plan", dry_run: bool) -> str:
+def _next(line: str, again: str, now: "Plan", dry_run: bool) -> str:
     if dry_run:
-        return here(f"run it: paddlectl sweep {line}") if now.left() else ""
+        return here(f"run it: paddlectl sweep {again}") if now.left() else ""
     return here(f"next: paddlectl compare {line}") if now.count("finished") else ""
 
 
-def _line(file: str, seeds: str | None, frames: int | None) -> str:
-    """The study as it was asked for."""
-    options = {"--seeds": seeds, "--frames": frames}
+def _line(file: str, options: "Mapping[str, object]") -> str:
+    """The study as it was asked for, with these options."""
     given = (str(word) for each in options.items() if each[1] is not None for word in each)
     return " ".join(map(quoted, [file, *given]))

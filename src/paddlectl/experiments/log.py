@@ -1,10 +1,11 @@
 """A run's entry in the registry while it goes on: its tables, its figures, and how it ended."""
 
+import math
 import os
 import platform
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -98,11 +99,19 @@ def ended_episodes(registry: Registry, run: str, *, whole: bool = False) -> Iter
     try:
         files = registry.files
         for row in files.read_rows(run, "episodes") if whole else files.each_row(run, "episodes"):
-            yield Row(int(row["order"]), int(row["started"]), int(row["frames"]), float(row["score"]))
-    except (KeyError, TypeError, ValueError) as error:
+            yield _ended(row)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise IntegrityError(
             f"the episodes of {run} aren't what was written", "run: paddlectl registry check"
         ) from error
+
+
+def _ended(row: Mapping[str, Any]) -> Row:
+    counts = int(row["order"]), int(row["started"]), int(row["frames"])
+    score = float(row["score"])
+    if not all(0 <= count < 2**63 for count in counts) or not math.isfinite(score):
+        raise ValueError
+    return Row(*counts, score)
 
 
 @contextmanager

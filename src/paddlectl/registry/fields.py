@@ -77,6 +77,8 @@ POLICY = {
     "metadata": dict,
 }
 FIGURES = {"success_rate": _RATE, "mean_score": _FINITE, "mean_length": _FINITE, "crispness": _RATE}
+FIGURE = r"[a-z][a-z0-9_]{0,63}"
+"""The name of any figure of a run."""
 OPTIONAL = frozenset({"scenario", "finished", "crispness", "name"})
 
 
@@ -86,6 +88,24 @@ def misfit(
     """The first of the values that its field can't hold, in words; None if all fit."""
     for name, value in values.items():
         if not (value is None and name in optional) and not _fits(kinds[name], value):
+            return f"{name} can't be {_odd(kinds[name], value)}"
+    return None
+
+
+def _odd(kind: Any, value: Any) -> str:
+    """What doesn't fit, or of a list the first item that doesn't."""
+    if isinstance(kind, Many) and isinstance(value, list) and len(value) <= kind.most:
+        value = next(item for item in value if not _fits(kind.pattern, item))
+    return repr(str(value)[:60])
+
+
+def odd_figure(results: Mapping[str, Any]) -> str | None:
+    """The first of a run's results that is no figure, in words; None if all are."""
+    for name, value in results.items():
+        if re.fullmatch(FIGURE, name) is None:
+            return f"{name[:60]!r} is no name of a figure"
+        number = float(value) if type(value) is int and value in _COUNT else value
+        if not (value is None or _fits(FIGURES.get(name, _FINITE), number)):
             return f"{name} can't be {str(value)[:60]!r}"
     return None
 

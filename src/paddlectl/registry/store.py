@@ -3,6 +3,7 @@
 import json
 import statistics
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -224,6 +225,17 @@ class Registry:
         """
         with self.index.reading() as connection:
             return find_run(connection, run)
+
+    def so_far(self, run: RunRecord) -> RunRecord:
+        """The run; one that goes on with what the latest line of its log counts."""
+        if run.status != "running":
+            return run
+        latest = next(iter(self.files.read_rows(run.id, "progress")[-1:]), {})
+        frames, episodes = (
+            max(done, latest[name]) if type(latest.get(name)) is int else done
+            for name, done in (("frames", run.frames), ("episodes", run.episodes))
+        )
+        return replace(run, frames=frames, episodes=episodes)
 
     def run_called(self, name: str) -> RunRecord | None:
         """The run that its user gave this name, if there is one."""

@@ -39,8 +39,12 @@ class Labels:
     def __init__(self, tasks: Mapping[str, str]) -> None:
         self._tasks = tasks
 
+    def task(self, policy: str) -> str | None:
+        """What a policy has learned, if that is known."""
+        return self._tasks.get(policy)
+
     def __call__(self, policy: str) -> str:
-        task = self._tasks.get(policy)
+        task = self.task(policy)
         if task is None:
             return clean(policy)
         alike = sum(other == task for other in self._tasks.values()) > 1
@@ -66,8 +70,8 @@ def labels_of(registry: Registry, run: RunRecord) -> Labels:
 
 def source_text(source: str, labels: Labels) -> str:
     """A run's source by its task, if that is known, and its id."""
-    name = labels(_there(source))
-    return name if source in name else f"{name} ({clean(source)})"
+    task = labels.task(_there(source))
+    return clean(source if task in (None, source) else f"{task} ({source})")
 
 
 def sources_text(sources: Sequence[str], labels: Labels) -> str:

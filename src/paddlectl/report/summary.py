@@ -168,7 +168,7 @@ def verdict(document: Document, labels: Labels) -> list[RenderableType]:
 def _at_first(early: Phase, late: Phase | None, document: Document, labels: Labels) -> str:
     led = sum(early.scenes.values(), Counter[str]())
     until = f"Until frame {early.until:,}" if early.until else "At first"
-    until = until if late else "In the whole run"
+    until = until if late else "In all,"
     others = early.total - sum(count for _, count in led.most_common(NAMED))
     if not document["weights"]:
         return _followed_at_first(until, led, others, labels)
@@ -227,25 +227,18 @@ def _taken_over(document: Document) -> Iterator[str]:
     for row in document["moments"] or document["reuse"]:
         led = moments.setdefault(row["frames"], Counter())
         led[TARGET if row.get("policy", row.get("source")) == TARGET else "others"] += row["chosen"]
-    since = None
-    for frames, led in sorted(moments.items(), reverse=True):
-        if 2 * led[TARGET] <= led.total():
-            break
-        since = frames
     if not moments:
         return
-    guided = bool(document["weights"])
-    if since is None:
-        yield "the target never led most of them for good" if guided else "it never kept to itself for good"
-    elif since == min(moments):
+    others = [frames for frames, led in moments.items() if 2 * led[TARGET] <= led.total()]
+    led_most = "the target led most of them" if document["weights"] else "it mostly followed itself"
+    if not others:
+        yield f"{led_most} from the start"
+    elif max(others) == max(moments):
         yield (
-            "the target led most of them from the start"
-            if guided
-            else "it mostly followed itself from the start"
+            "the target never led most of them for good" if document["weights"] else "it never kept to itself"
         )
     else:
-        led_most = "the target led most of them" if guided else "it mostly followed itself"
-        yield f"from frame {since:,} on {led_most}"
+        yield f"from frame {max(others):,} on {led_most}"
 
 
 def _at_the_end(late: Phase | None, labels: Labels, guided: bool) -> Iterator[str]:

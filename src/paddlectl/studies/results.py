@@ -1,8 +1,10 @@
 """What is known of the finished cells of a study: a row each, as the registry or a file of results has it."""
 
 import dataclasses
+import fcntl
 import json
-from collections.abc import Iterable
+import os
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
@@ -111,6 +113,25 @@ def write_results(path: Path, results: Iterable[Result]) -> None:
     write_atomically(path, f"[\n{lines}\n]\n".encode(), shared=False)
 
 
+def change_results(path: Path, change: Callable[[Sequence[Result]], Iterable[Result]]) -> None:
+    """Replaces what a file of results has, or will have, by what becomes of it; others who do so wait.
+
+    Args:
+        path: The file; it needn't be there.
+        change: Gives the new results for those that are there now.
+
+    Raises:
+        InvalidFileError: If it isn't a file of results.
+        OSError: If it can't be written.
+    """
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        write_results(path, change(read_results(path) if path.exists() else ()))
+    finally:
+        os.close(folder)
+
+
 def read_results(path: Path) -> list[Result]:
     """What `write_results` kept.
 
@@ -118,9 +139,16 @@ def read_results(path: Path) -> list[Result]:
         InvalidFileError: If it isn't that.
     """
     try:
-        return [_result(row) for row in json.loads(path.read_text(encoding="utf-8"))]
+        return [*map(_result, _rows(json.loads(path.read_text(encoding="utf-8"))))]
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise InvalidFileError(f"{path}: not a file of results: {error}") from error
+        told = f"{path}: not a file of results: {error}"
+        raise InvalidFileError(told, "run: paddlectl sweep --help") from error
+
+
+def _rows(value: Any) -> list[dict[str, Any]]:
+    if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
+        raise ValueError("it has no list of rows")
+    return value
 
 
 def _result(row: dict[str, Any]) -> Result:

@@ -157,6 +157,9 @@ class GymnasiumTask:
             raise ValueError(f"milestone {unknown[0]} is none of its subgoals")
         if unknown := [text for text in self.subgoals if text not in self.whole_domain]:
             raise ValueError(f"{unknown[0]} is none of its domain_subgoals")
+        excluded = [text for each in self.exclusions for text in each]
+        if unknown := [text for text in excluded if _literal(text).atom not in atoms]:
+            raise ValueError(f"exclusion {unknown[0]} is none of its predicates")
         return Task(
             name=name,
             domain=self.domain,

@@ -52,6 +52,10 @@ def find_run(connection: Connection, name: str) -> RunRecord:
     own = runs.c.id == number if number else runs.c.name == name
     row = connection.execute(select_runs().where(own)).first() if name.isprintable() else None
     if row is None:
+        if number := number_of(name, "policy"):
+            its = connection.scalar(select(policies.c.run).where(policies.c.id == number))
+            if its is not None:
+                raise NotFoundError(f"{name} is a policy, no run", f"run-{its} learned it")
         known = [*_like(connection, runs, "run", name), *run_names(connection, name)]
         raise NotFoundError(f"no run {shown(name)}", nearest(name, known) + "run: paddlectl runs")
     return run_records([row])[0]
