@@ -213,6 +213,7 @@ PROVOKED: list[tuple[Callable[[Registry], object], str]] = [
     (flat, f"similarity --target {TARGET} --source DoorBall"),
     (nothing, "explain run-1"),
     (nothing, "explain run-77"),
+    (nothing, "explain policy-1"),
     (nothing, "explain GapBall"),
     (stopped, "explain run-4"),
     (lambda r: stopped(r, status="failed"), "explain run-4"),
@@ -369,7 +370,7 @@ def test_what_is_no_run_or_policy_is_told_with_what_may_have_been_meant(
         assert answer.code == 4 and "no run" in answer.err and "did you mean run-" in answer.err, line
     for line in ("explain policy-1", "resume policy-1"):
         answer = command(*line.split())
-        assert answer.err == "error: policy-1 is a policy, no run\nrun-1 learned it\n", line
+        assert answer.err == "error: policy-1 is a policy; run-1 learned it\nrun: paddlectl runs\n", line
 
 
 def test_a_run_that_goes_on_is_told_so_far(registry: Registry, command: Command) -> None:

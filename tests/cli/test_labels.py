@@ -54,7 +54,7 @@ def test_a_run_is_called_by_its_name(registry: Registry, command: Command, tmp_p
     assert not command("runs", "--tag", "pape", "--json").json["runs"]
     assert " first " in command("runs").out and " name " not in command("runs", "--tag", "x").out
     untagged = command("runs", "--task", registry.run("run-1").task).out
-    assert "run-1" in untagged and " tags " not in untagged and " tags " in command("runs").out
+    assert "run-1" in untagged and "tags" not in untagged and "tags" in command("runs").out
     assert command("label", "first", "--untag", "good", "--name", "", "--json").json["runs"][0] | {} == {
         **command("runs", "--tag", "paper", "--json").json["runs"][0],
         "name": None,

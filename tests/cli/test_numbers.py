@@ -184,7 +184,8 @@ def test_a_run_is_shown_with_what_is_unusual_in_it(registry: Registry, command: 
     assert found["unusual"] == DIFFERS
     told = command("show", run).out
     assert told.startswith(f"{run}: paddle on {TARGET}, seed 3, running\n0 of 5,000 frames")
-    assert "sources: policy-1, policy-2" in told and "low_level.clip      0.1   0.2" in told
+    assert "sources: BlockedDoor (policy-1), GapBall (policy-2)" in told
+    assert "low_level.clip      0.1   0.2" in told
     assert "Its numbers are the usual ones of paddle." in command("show", add(registry, unusual={})).out
     for older in ("run-1", add(registry), add(registry, unusual=3, learning=[1], rules="x")):
         answer = command("show", older)

@@ -155,7 +155,7 @@ def test_a_notebooks_shell_names_a_backend_that_isnt_needed(
         ("run-1", 4, "0 episodes of run-1 have ended, too few for a curve over frames|run: paddlectl runs"),
         ("fig4.json --x frame", 2, "Invalid value for '--x': 'frame' is not one of 'frames', 'episodes'."),
         ("fig4.json --to none.json", 2, "none.json is not a folder"),
-        ("fig4.json --to none.json/x", 1, "Not a directory: none.json/x"),
+        ("fig4.json --to none.json/x", 2, "nothing can be written in none.json/x: Not a directory"),
         ("", 2, "Missing argument"),
     ],
 )

@@ -267,7 +267,6 @@ HOSTILE: dict[str, Callable[[Members], bytes]] = {
     "a run's figure that is a list": lambda m: config(m, "run", "new", value=[], file="results.json"),
     "a run's figure that is true": lambda m: config(m, "run", "new", value=True, file="results.json"),
     "a figure of a strange name": lambda m: config(m, "run", "a b", value=0.5, file="results.json"),
-    "a policy of another task": lambda m: config(m, "policy", "task", value="Other"),
     "a rate that is no number": lambda m: edited(m, b"0.5", b"NaN", "results.json"),
     "a program that is none": lambda m: sealed(m | {"program.txt": b"gt_key( :-"}),
     "a program not UTF-8": lambda m: sealed(m | {"program.txt": b"\xff"}),

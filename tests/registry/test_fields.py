@@ -59,7 +59,11 @@ END = st.fixed_dictionaries(
         "frames": COUNT,
         "episodes": COUNT,
         "seconds": st.floats(0.0, allow_infinity=False) | st.just(-0.0),
-        "results": DOCUMENT,
+        "results": st.dictionaries(
+            st.from_regex(fields.FIGURE, fullmatch=True).filter(lambda name: name not in fields.FIGURES),
+            st.none() | st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(10**9), 10**9),
+            max_size=4,
+        ),
     }
 )
 POLICY = st.fixed_dictionaries(

@@ -79,7 +79,7 @@ def test_who_led_at_first_and_for_what_and_when_the_target_took_over() -> None:
     moments += [moment(9000, "target", 3), moment(9000, "policy-2", 2)]
     assert told(weights=EARLY + late, moments=moments) == (
         "Until frame 3,000 the decisions were led 60 % by Door (for gt_blockage()), 25 % by Gap"
-        " (for gt_key()) and 15 % by the target itself. From frame 2,000 on the target led most of them;"
+        " (for gt_key()) and 15 % by the target itself. From frame 1,000 on the target led most of them;"
         " in the end the target leads in 1 of the 2 scenes that come up most, Gap in {has_key(env)}."
     )
 

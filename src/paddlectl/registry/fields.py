@@ -104,7 +104,7 @@ def odd_figure(results: Mapping[str, Any]) -> str | None:
     for name, value in results.items():
         if re.fullmatch(FIGURE, name) is None:
             return f"{name[:60]!r} is no name of a figure"
-        number = float(value) if type(value) is int and value in _COUNT else value
+        number = float(value) if type(value) is int and abs(value) in _COUNT else value
         if not (value is None or _fits(FIGURES.get(name, _FINITE), number)):
             return f"{name} can't be {str(value)[:60]!r}"
     return None

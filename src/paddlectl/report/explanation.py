@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 from paddlectl.errors import IntegrityError
@@ -114,7 +115,9 @@ def final_episodes(registry: Registry, run: RunRecord) -> int | None:
     """How many episodes the figures of the end of training are over; None of a run of many."""
     if not 0 < run.episodes < MANY:
         return None
-    return min(WINDOW, len(in_order(ended_episodes(registry, run.id))))
+    with suppress(IntegrityError):  # of an older run, too
+        return min(WINDOW, len(in_order(ended_episodes(registry, run.id))))
+    return None
 
 
 def recordings_of(registry: Registry, run: RunRecord) -> dict[str, Any]:

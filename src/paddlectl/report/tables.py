@@ -76,7 +76,8 @@ def yes(value: Any) -> str:
 class Column:
     """A heading, the field below it, and how that is written.
 
-    Words and labels are aligned left, numbers right, and only numbers are left out where there is no room.
+    Words and labels are aligned left, numbers right. Where there is no room, numbers are left out, and what
+    else is spare.
     One that needn't be there is left out where no row has anything in it.
     """
 
@@ -84,11 +85,12 @@ class Column:
     field: str
     written: Callable[[Any], str] = label
     optional: bool = False
+    spare: bool = False
 
     @property
     def head(self) -> Head:
         number = self.written not in (words, label, yes, listing)
-        return Head(self.title, right=number, breaks=self.written is words, spare=number)
+        return Head(self.title, right=number, breaks=self.written is words, spare=number or self.spare)
 
 
 def table(columns: Iterable[Column], rows: Iterable[Mapping[str, Any]], title: str = "") -> Grid:
@@ -153,7 +155,7 @@ POLICIES = (
 RUNS = (
     Column("run", "run"),
     Column("name", "name", optional=True),
-    Column("tags", "tags", listing, optional=True),
+    Column("tags", "tags", listing, optional=True, spare=True),
     Column("method", "method"),
     Column("task", "task"),
     Column("scenario", "scenario"),

@@ -250,8 +250,6 @@ def _checked(members: dict[str, bytes]) -> tuple[Any, Any, dict[str, bytes]]:
         raise IntegrityError(f"results: {odd}")
     if policy is not None:
         _demand(policy, fields.POLICY, "policy")
-        if policy["task"] != config["run"]["task"]:
-            raise IntegrityError("its policy isn't what its run learned")
         _demand(results["policy"], fields.FIGURES, "results")
         if "program.txt" in members:
             _program(members["program.txt"].decode(), "it")

@@ -55,7 +55,7 @@ def find_run(connection: Connection, name: str) -> RunRecord:
         if number := number_of(name, "policy"):
             its = connection.scalar(select(policies.c.run).where(policies.c.id == number))
             if its is not None:
-                raise NotFoundError(f"{name} is a policy, no run", f"run-{its} learned it")
+                raise NotFoundError(f"{name} is a policy; run-{its} learned it", "run: paddlectl runs")
         known = [*_like(connection, runs, "run", name), *run_names(connection, name)]
         raise NotFoundError(f"no run {shown(name)}", nearest(name, known) + "run: paddlectl runs")
     return run_records([row])[0]
