@@ -155,7 +155,6 @@ POLICIES = (
 RUNS = (
     Column("run", "run"),
     Column("name", "name", optional=True),
-    Column("tags", "tags", listing, optional=True, spare=True),
     Column("method", "method"),
     Column("task", "task"),
     Column("scenario", "scenario"),
@@ -164,6 +163,7 @@ RUNS = (
     Column("success", "success_rate", percent),
     Column("frames", "frames", count),
     Column("policy", "policy"),
+    Column("tags", "tags", listing, optional=True, spare=True),
 )
 LABELLED = (
     Column("run", "run"),
