@@ -9,7 +9,7 @@ from paddlectl.learners.base import Actor, Learner
 
 
 class FrozenActor:
-    """A learner's actor as a teacher, loaded when it first acts: one that never does costs nothing.
+    """A learner's actor as a teacher, loaded when it first acts.
 
     Args:
         load: Gives the learner, whose critics aren't kept.

@@ -32,6 +32,7 @@ from paddlectl.report.settings import numbers
 from paddlectl.report.summary import context_text, floor_text, header_parts, short_text, verdict
 from paddlectl.report.svg import COLOURS, Line, lines, stacked
 from paddlectl.report.tables import figures_of, percent
+from paddlectl.studies.verdicts import ALIKE
 
 MOST_SCENES = 8
 """Panels of who led over training."""
@@ -41,8 +42,6 @@ MOST_PARTS = 150
 """Rows of an episode without decisions."""
 MOST_GOALS = 12
 """Subgoals of an episode that are told to whom can't see it."""
-ALIKE = 1.05
-"""Of two runs' lengths, at most; those of one budget end with their last whole round."""
 CURVE_SIZE, PANEL_SIZE = (560, 220), (340, 150)
 
 Document = Mapping[str, Any]
