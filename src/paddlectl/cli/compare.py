@@ -232,9 +232,9 @@ def _way_to_transfer(method: str) -> str:
 
 def _rank(run: "RunRecord") -> tuple[bool, int, int]:
     """Of the runs of a scenario, method and seed: by usual numbers, long, new."""
-    from paddlectl.studies.grouped import age
+    from paddlectl.studies.grouped import recency
 
-    return not run.settings.get("unusual"), run.frames, age(run.id)
+    return not run.settings.get("unusual"), run.frames, recency(run.id)
 
 
 def _notes(runs: "Sequence[RunRecord]", others: "Sequence[RunRecord]", unfinished: int) -> list[str]:

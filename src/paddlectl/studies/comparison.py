@@ -9,7 +9,7 @@ from paddlectl import statistics
 from paddlectl.errors import NotFoundError, UsageError
 from paddlectl.registry.names import nearest, shown
 from paddlectl.statistics import Sample
-from paddlectl.studies.grouped import FIGURES, SCORES, Grouped, age, one_of_each
+from paddlectl.studies.grouped import FIGURES, SCORES, Grouped, one_of_each, recency
 from paddlectl.studies.results import Result
 from paddlectl.studies.verdicts import UNDECIDED, notes_of, sentences, verdict_of
 
@@ -56,7 +56,7 @@ def comparison_document(
             "no run is long enough to have figures: none has an episode that ended", "give more --frames"
         )
     kept, older = one_of_each(
-        long, lambda r: (r.scenario, r.target, r.method, r.variant, r.seed), lambda r: age(r.run)
+        long, lambda r: (r.scenario, r.target, r.method, r.variant, r.seed), lambda r: recency(r.run)
     )
     grouped = Grouped(kept)
     chosen = _chosen(grouped.labels, of)

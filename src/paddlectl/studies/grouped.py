@@ -26,7 +26,7 @@ def one_of_each(
     return kept, [item for item in items if highest[key(item)] is not item]
 
 
-def age(run: str) -> int:
+def recency(run: str) -> int:
     """The newer a run is, the larger."""
     return number_of(run, "run") or 0
 
