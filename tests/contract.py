@@ -33,7 +33,7 @@ TASKS = {
     "continuous": ("CoffeeMailMaze", ("CoffeeMaze", "MailMaze")),
     "stock": ("MiniGrid-ObstructedMaze-1Dlh-v0", ("MiniGrid-UnlockPickup-v0", "MiniGrid-DoorKey-5x5-v0")),
 }
-ROUNDS = 3
+ROUNDS = 4
 FEW = {
     "num_envs": 2, "rollout_steps": 4, "max_steps": 2, "warm_up": 2, "update_every": 2, "refresh_every": 2,
     "batch": 2, "capacity": 64, "cloning": False, "start": 0.0,

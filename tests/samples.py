@@ -174,7 +174,7 @@ def weight_rows() -> list[dict[str, Any]]:
     ]
     fields = ("phase", "scene", "policy", "task", "similarity", "performance", "weight")
     counts = ("decisions", "chosen", "reached", "rules")
-    more = {"frames": 100, "dropped": False}
+    more = {"frames": 100}
     found = [dict(zip(fields + counts, row, strict=True)) | more for row in rows]
     return [row | {"scene": body(TARGET, str(row["scene"]))} for row in found]
 

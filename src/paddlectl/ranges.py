@@ -52,7 +52,6 @@ AtLeastOne = Annotated[float, Range(1.0)]
 Finite = Annotated[float, Range()]
 
 Count = Annotated[int, Range(1, 10**9)]
-CountOrZero = Annotated[int, Range(0, 10**9)]
 Frames = Annotated[int, Range(1, 10**12)]
 Environments = Annotated[int, Range(1, 4096)]
 Steps = Annotated[int, Range(1, 10**5)]

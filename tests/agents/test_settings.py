@@ -9,8 +9,6 @@ from paddlectl.transfer.guidance import GuidanceSettings
 OLDER_RULES = {
     "fading": 0.3,
     "curiosity": 0.01,
-    "least_reached": 0.4,
-    "audition_samples": 7.0,
 }
 
 
@@ -18,8 +16,6 @@ def test_older_names_are_read() -> None:
     assert restored(GuidanceSettings(), OLDER_RULES, "rules") == GuidanceSettings(
         similarity_decay=0.3,
         target_floor=0.01,
-        drop_below_success=0.4,
-        target_samples=7.0,
     )
     older = {"tracking": 0.5, "errands": 0.2, "errand_steps": 3.0}
     today = TD3Settings(tau=0.5, goal_exploration=0.2, goal_exploration_steps=3.0)
@@ -27,7 +23,14 @@ def test_older_names_are_read() -> None:
 
 
 @pytest.mark.parametrize(
-    "stored", [{"fading": 0.3, "similarity_decay": 0.3}, {"fadin": 0.3}, {"fading": "0.3"}, {"lanes": 4}]
+    "stored",
+    [
+        {"fading": 0.3, "similarity_decay": 0.3},
+        {"fadin": 0.3},
+        {"fading": "0.3"},
+        {"lanes": 4},
+        {"trials": 8},
+    ],
 )
 def test_what_no_version_wrote_is_refused(stored: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r"(rules|similarity_decay) can't be"):

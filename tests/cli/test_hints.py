@@ -199,6 +199,7 @@ PROVOKED: list[tuple[Callable[[Registry], object], str]] = [
     (only("BlockedDoor"), "compare"),
     (nothing, "compare nothing.json"),
     (lambda _: Path("x.json").write_text("[]"), "compare x.json"),
+    (nothing, f"compare {ROOT}/benchmarks/paper/fig4.json --scenario zz"),
     (lambda _: Path("x.yaml").write_text(STUDY), "compare x.yaml"),
     (gone, "runs"),
     (gone, "registry check"),

@@ -47,7 +47,7 @@ def test_transfer_learns_by_what_is_set_over_the_file(
     registry: Registry, command: Command, asked: list[Any], tmp_path: Path
 ) -> None:
     file = tmp_path / "x.yaml"
-    file.write_text(f"{SCENARIO}settings: {{num_envs: 8, rollout_steps: 16}}\nrules: {{trials: 3}}\n")
+    file.write_text(f"{SCENARIO}settings: {{num_envs: 8, rollout_steps: 16}}\nrules: {{source_memory: 3}}\n")
     assert command("transfer", file, "--seed", "0").code == 0
     assert (
         command("transfer", file, "--seed", "0", "--set", "num_envs=4", "--set", "rules.target_floor=0").code
@@ -55,7 +55,7 @@ def test_transfer_learns_by_what_is_set_over_the_file(
     )
     for job, envs, floor in zip(asked, (8, 4), (0.05, 0.0), strict=True):
         assert (settings_of(job).num_envs, settings_of(job).rollout_steps) == (envs, 16)
-        assert (rules_of(job).trials, rules_of(job).target_floor) == (3, floor)
+        assert (rules_of(job).source_memory, rules_of(job).target_floor) == (3, floor)
 
 
 def test_sources_that_are_missing_are_learned_by_the_usual_numbers(
@@ -74,7 +74,7 @@ WRONG = [
         "",
     ),
     ("train BoxDoor --set clip=1", "no setting clip", "did you mean low_level.clip?"),
-    ("train BoxDoor --set rules.trials=1", "only a transfer has rules: a source reuses nothing", ""),
+    ("train BoxDoor --set rules.source_memory=1", "only a transfer has rules: a source reuses nothing", ""),
     ("train BoxDoor --set low_level.clip", "--set low_level.clip: not NAME=VALUE", "write low_level."),
     (
         "train BoxDoor GapBall MailMaze --set low_level.clip=1",
@@ -89,8 +89,8 @@ WRONG = [
     ),
     ("transfer FILE --set frames=9", "frames is of sources alone; a transfer's are beside its settings", ""),
     (
-        "transfer FILE --method cup --set rules.trials=9",
-        "cup on BlockedBoxUnlockPickup: --set rules.trials: ",
+        "transfer FILE --method cup --set rules.source_memory=9",
+        "cup on BlockedBoxUnlockPickup: --set rules.source_memory: ",
         "",
     ),
     ("transfer FILE --method componet --set learner.modules=9", "modules is 2, by the scenario", ""),

@@ -127,7 +127,7 @@ def test_weights_by_scene_and_policy(transfer, mode):
     for row in rows:
         assert set(row) == {
             "phase", "frames", "scene", "policy", "task", "similarity", "performance", "weight",
-            "decisions", "chosen", "reached", "cut", "rules", "dropped",
+            "decisions", "chosen", "reached", "cut", "rules",
         }  # fmt: skip
         assert sum(row["rules"].values()) == row["chosen"]
         assert set(row["rules"]) <= set(RULES)
@@ -191,7 +191,7 @@ def test_equal_seeds_give_equal_policies_in_another_process(transfer):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"rules": GuidanceSettings(target_floor=0.0, drop_below_success=0.0)},
+        {"rules": GuidanceSettings(target_floor=0.0, episodes="guided")},
         {"changes": SMALL | {"credit": {"planned": False}, "sharpness": 2.0}},
     ],
     ids=lambda changes: next(iter(changes)),

@@ -167,6 +167,24 @@ def test_the_surrogate_is_of_the_targets_own_samples():
     assert all(torch.equal(one[name], other[name]) for name in one)
 
 
+def test_a_handful_of_guided_steps_is_no_whole_step_of_the_optimiser():
+    """RMSprop divides by the usual size of gradients: one of eight samples would weigh as one of 256."""
+    moved = {}
+    for few in (False, True):
+        learner, rng = PPO(3, 3, seed=0, settings=PPOSettings(minibatch=256)), np.random.default_rng(0)
+        for _ in range(4):
+            learner.update(bandit_block(learner, rng, guide=1))
+        block = bandit_block(learner, rng, guide=1)
+        if few:
+            rest = np.ones(block.guides.shape, np.bool_)
+            rest[0, :8] = False
+            block.reached[rest] = False
+        before = learner.actor[-1].weight.clone()
+        learner.update(block)
+        moved[few] = float((learner.actor[-1].weight - before).detach().norm())
+    assert 0 < moved[True] < 0.2 * moved[False]
+
+
 def trained(seed):
     learner, rng = PPO(3, 3, seed=seed), np.random.default_rng(0)
     for _ in range(3):

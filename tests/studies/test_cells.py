@@ -103,7 +103,7 @@ CHANGES: dict[str, Callable[[TransferJob], dict[str, Any]]] = {
     "frames": lambda job: {"frames": job.frames + 1},
     "seed": lambda job: {"seed": 4},
     "settings": lambda job: {"changes": {"num_envs": 3}},
-    "rules": lambda job: {"rules": GuidanceSettings(trials=9)},
+    "rules": lambda job: {"rules": GuidanceSettings(source_memory=9.0)},
     "sources": lambda job: {"sources": job.sources[::-1]},
 }  # fmt: skip
 
@@ -222,7 +222,7 @@ def test_what_failed_stops_nothing_else(registry: Registry, tmp_path: Path) -> N
     assert now.lacking(failed, failed) == {"A paddle seed 3": "its source failed: GapBall hdm seed 3"}
 
 
-OWN = "settings: {low_level: {clip: 0.1}, num_envs: 8}\nrules: {target_floor: 0, trials: 3}\n"
+OWN = "settings: {low_level: {clip: 0.1}, num_envs: 8}\nrules: {target_floor: 0, source_memory: 3}\n"
 
 
 def test_the_numbers_of_a_scenario_count_and_a_variants_go_over_them(
@@ -230,17 +230,17 @@ def test_the_numbers_of_a_scenario_count_and_a_variants_go_over_them(
 ) -> None:
     (tmp_path / "own.yaml").write_text((ROOT / "scenarios" / "A.yaml").read_text() + OWN)
     study = tmp_path / "study.yaml"
-    variants = "own: {}, other: {settings: {low_level: {clip: 0.3}}, rules: {trials: 4}}"
+    variants = "own: {}, other: {settings: {low_level: {clip: 0.3}}, rules: {source_memory: 4}}"
     text = f"name: mine\nmethods: [paddle]\nseeds: 3\nframes: 1000\nvariants: {{{variants}}}\n"
     study.write_text(f"{text}scenarios: [own.yaml]\n")
     made = cells_of(load_study(study))
     run_steps(registry, made)
     own, other = (step.job for step in plan(registry, made).steps())
     assert isinstance(own, TransferJob) and isinstance(other, TransferJob)
-    for job, clip, trials in ((own, 0.1, 3), (other, 0.3, 4)):
+    for job, clip, memory in ((own, 0.1, 3), (other, 0.3, 4)):
         settings, rules = settings_of(job), rules_of(job)
         assert (settings.num_envs, settings.low_level.clip) == (8, clip)
-        assert (rules.target_floor, rules.trials) == (0.0, trials)
+        assert (rules.target_floor, rules.source_memory) == (0.0, memory)
     plain = dataclasses.replace(own, scenario=own.scenario.model_copy(update={"settings": {}, "rules": {}}))
     entered(registry, plain)
     assert len(names(plan(registry, made))) == 2, "a run by the usual numbers is none of them"

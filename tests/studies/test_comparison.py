@@ -160,6 +160,14 @@ def test_of_one_cell_the_newest_run_counts() -> None:
     assert any(note.startswith("older results left out: 1") for note in told["notes"])
 
 
+def test_runs_of_several_versions_are_said() -> None:
+    rows = results({("A", "paddle"): SIX})
+    rows += [result("A", "cup", seed, 0.7, code="0.2.0") for seed in range(6)]
+    assert comparison_document(rows)["notes"] == [
+        "runs of several versions of paddlectl: 0.1.0 (6); 0.2.0 (6)"
+    ]
+
+
 def test_runs_of_unequal_length_are_said() -> None:
     rows = results({("A", "paddle"): SIX}) + [result("A", "cup", s, 0.7, frames=200_000) for s in range(6)]
     (note,) = comparison_document(rows)["notes"]

@@ -80,7 +80,7 @@ MISTAKES = {
         "4:24: paddle: target_floor is a number, usually 0.05"
     ),
     "methods: [hdm]\nvariants: {v: {settings: {num_envs: 2.5}}}": "4:27: hdm: num_envs is a whole number",
-    "methods: [hdm]\nvariants: {v: {rules: {trials: 3}}}": "4:24: hdm: no setting trials; it has none",
+    "methods: [hdm]\nvariants: {v: {rules: {episodes: 3}}}": "4:24: hdm: no setting episodes; it has none",
     "methods: [hdm]\nvariants: {v: {settings: {low_level: 3}}}": "4:27: hdm: low_level is a mapping of ",
     "methods: [cup]\nvariants: {v: {settings: {learner: {rate: 3}}}}": "4:37: cup: no setting rate; there ",
     "methods: [cup]\nvariants: {v: {random: [BoxDoor]}}": "4:24: cup can't reuse those; say for which",

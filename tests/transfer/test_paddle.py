@@ -197,7 +197,7 @@ def test_negative_returns_show_unless_they_are_clipped():
         assert play(selector, [(FAR_SCENE, 0.0)]) == [TARGET if normalise == "none" else 1]
 
 
-def test_a_decision_that_the_horizon_cut_off_costs_nothing_and_counts_as_no_miss():
+def test_a_decision_that_the_horizon_cut_off_costs_nothing():
     for mode in ("paper", "default"):
         selector = one_of_each(mode, target(), sources(WALK), readings=PaperSettings(failure_cost=0.1))
         _, subgoal = decide(selector, FAR_SCENE)
@@ -210,8 +210,6 @@ def test_a_decision_that_the_horizon_cut_off_costs_nothing_and_counts_as_no_miss
         assert (selector.chosen.sum(), selector.reached.sum(), selector.cut.sum()) == (1, 0, 1)
         if mode == "paper":
             assert selector.weigh().performance[FAR_SCENE * PROGRESS, 1] == 0.0
-        else:
-            assert selector._tried.sum() == 0
 
 
 def test_a_soft_source_plays_some_of_every_subgoal_of_its_task():
@@ -259,7 +257,7 @@ def last_guides(selector, worth, scene=FAR_SCENE, episodes=150, last=50):
     return led[0], np.bincount(led[-last:], minlength=3) / last
 
 
-def test_a_source_that_always_fails_is_dropped_and_the_target_explores():
+def test_where_the_source_always_fails_the_target_explores():
     first, shares = last_guides(one_of_each("default", target(), sources(WALK)), {})
     assert first == 1
     assert shares[TARGET] >= 0.9

@@ -187,7 +187,9 @@ def from_file(file: Path, wanted: "Mapping[str, Sequence[str]]") -> "list[Result
         raise UsageError(f"{shown(str(file))} is neither a study (.yaml) nor a file of results (.json)")
     if not file.is_file():
         raise NotFoundError(f"no file {shown(str(file))}", "run: paddlectl compare --help")
-    return chosen(read_results(file), traits_of_result, wanted, str(file), lambda _: "paddlectl sweep --help")
+    results = read_results(file)
+    way = f"paddlectl compare {quoted(str(file))}" if results else "paddlectl sweep --help"
+    return chosen(results, traits_of_result, wanted, str(file), lambda _: way)
 
 
 def from_registry(place: str, wanted: "Mapping[str, Sequence[str]]") -> "tuple[list[Result], list[str]]":

@@ -127,6 +127,8 @@ class PPO:
         own = buffer.guides == TARGET
         samples = torch.from_numpy(np.flatnonzero(own))
         guided = torch.from_numpy(np.flatnonzero(~own & buffer.of_reached_decisions()))
+        # RMSprop would take a whole step for a handful.
+        share = min(1.0, len(guided) / self.settings.minibatch)
         observations = torch.from_numpy(buffer.observations).flatten(0, 1)
         actions = torch.from_numpy(buffer.actions).flatten()
         old_log_probs = torch.from_numpy(buffer.log_probs).flatten()
@@ -143,7 +145,7 @@ class PPO:
                 gradient_step(self.optimiser, loss, self.settings.max_gradient_norm)
             for batch in self._minibatches(guided):
                 loss = self._cloning_loss(observations[batch], actions[batch], returns[batch])
-                gradient_step(self.optimiser, loss, self.settings.max_gradient_norm)
+                gradient_step(self.optimiser, share * loss, self.settings.max_gradient_norm)
 
     def anneal(self, done: float) -> None:
         """Sets the learning rate for the share of the budget that is used up, in [0, 1]."""

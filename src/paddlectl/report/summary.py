@@ -114,8 +114,10 @@ def floor_text(run: RunRecord) -> str:
     """What is special about the target's Λ by the run's rules, if it has such."""
     rules = run.settings.get("rules") or {}
     floor, samples = rules.get("target_floor"), rules.get("target_samples")
-    if not floor or not samples:
+    if not floor:
         return ""
+    if not samples:
+        return f" The target's Λ is at least {floor:g}."
     return f" Until the target has led there {samples:g} times, its Λ is {floor:g}; it is never less."
 
 

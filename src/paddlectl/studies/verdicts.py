@@ -1,5 +1,6 @@
 """What a comparison allows to say, in words; and what limits it."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -73,13 +74,14 @@ def _seeds(counts: Iterable[int]) -> str:
 
 
 def notes_of(grouped: Grouped, chosen: str, older: int, short: int = 0) -> list[str]:
-    """Few or unequal seeds, missing cells, short or unequal runs, scores that aren't on one scale."""
+    """Few or unequal seeds, missing cells, short or unequal runs, several scales or versions."""
     found = [_few(grouped), _unequal(grouped), _absent(grouped), _frames(grouped), _scale(grouped)]
     if short:
         found.append(f"runs left out, as they are too short to have figures: {short}")
     found.append(_short(grouped))
     if older:
         found.append(f"older results left out: {older}; of a scenario, method and seed the newest run counts")
+    found.append(_versions(grouped))
     if len(grouped.labels) == 1:
         found.append(f"there is nothing but {chosen} to compare")
     return [note for note in found if note]
@@ -90,6 +92,13 @@ def _cells(grouped: Grouped) -> Iterable[tuple[str, str, Mapping[int, Any]]]:
         for label in grouped.labels:
             if cell := grouped.cell(place, label):
                 yield place, label, cell
+
+
+def _versions(grouped: Grouped) -> str:
+    """A method may have changed between two versions without that its settings tell it."""
+    versions = Counter(result.code for _, _, cell in _cells(grouped) for result in cell.values())
+    told = [f"{version} ({count})" for version, count in sorted(versions.items())]
+    return f"runs of several versions of paddlectl: {_listed(told)}" if len(told) > 1 else ""
 
 
 def _few(grouped: Grouped) -> str:

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from paddlectl.ranges import AtLeastOne, CountOrZero, Finite, NotNegative, Share
+from paddlectl.ranges import AtLeastOne, Finite, NotNegative, Share
 
 Weights = NDArray[np.float64]
 
@@ -71,12 +71,8 @@ class GuidanceSettings:
         similarity_decay: ψ is a first guess: after n decisions of a candidate in a scene Λ = f·ψ + (1 - f)·Φ
             with f = similarity_decay^n. Under the paper's sum a well matched source that fails for ever keeps
             its ψ.
-        target_floor: Λ of the target is at least this. Where no source gains anything more than this,
-            the target explores, at once, and only there.
-        drop_below_success: A source that reached its subgoal in less than this share of its decisions in a
-            scene state isn't asked there any more, once it was asked `trials` times. To fail and be asked
-            again costs little by the model; to the target it costs the time in which it would learn.
-        trials: Decisions by which `drop_below_success` judges.
+        target_floor: Λ of the target is its Φ, but at least this. Where no source gains anything more than
+            this, the target explores, at once, and only there.
         repeat_penalty: Taken off a candidate's Λ for each earlier decision of its guide for the same subgoal
             in this scene of this episode: the subgoal was missed, or the episode came back. A frozen
             source that is stuck stays stuck, and two that undo each other's work would do so for ever.
@@ -86,8 +82,6 @@ class GuidanceSettings:
         bandit_prior: Episodes' worth of belief in what a bandit expects before it has seen any.
         least_alone: Share of the episodes that the target leads alone however well it is guided: so it is
             measured, and can take its scenes over.
-        target_samples: The target leads a scene by merit only after this many decisions there.
-        target_margin: The target takes a scene over when it comes this near to the best source.
         source_memory: Latest decisions that a source's return is averaged over.
         target_memory: The same for the target, which changes.
         program_inheritance: The target's program starts, in each scene, as that of the source scenes which
@@ -99,14 +93,10 @@ class GuidanceSettings:
 
     similarity_decay: Share = 0.7
     target_floor: Finite = 0.05
-    drop_below_success: Share = 0.2
-    trials: CountOrZero = 8
     repeat_penalty: NotNegative = 0.3
     episodes: Literal["bandit", "guided", "alone"] = "bandit"
     bandit_prior: NotNegative = 10.0
     least_alone: Share = 0.05
-    target_samples: NotNegative = 20.0
-    target_margin: Finite = 0.02
     source_memory: AtLeastOne = 300.0
     target_memory: AtLeastOne = 50.0
     program_inheritance: Share = 0.7

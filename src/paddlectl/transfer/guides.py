@@ -23,9 +23,6 @@ from paddlectl.transfer.guidance import (
 )
 from paddlectl.transfer.performance import MeanReturns, Table, performance
 
-DROPPED = -1.0
-"""Λ of a source that is dropped from a scene state: below anything that the target may have."""
-
 
 class Weighing(NamedTuple):
     """The tables behind one choice. Each is [S, C]."""
@@ -100,17 +97,14 @@ class GuideSelector:
         """ψ, Φ and Λ of every candidate in every scene state, as of now. [R, C] each"""
         raise NotImplementedError
 
-    def dropped(self) -> Bools:
-        """Which sources aren't asked in a scene state any more. [R, C]"""
-        return np.zeros(self.shape, np.bool_)
-
     def select(self, lanes: Ints, scene_states: Ints) -> tuple[Ints, Ints]:
         """The guide and the subgoal for each lane. [n], [n]"""
         weighing = self.weigh()
-        weights = self._lane_weights(weighing.weight, lanes, scene_states)
+        unpenalised = weighing.weight[scene_states]
+        weights = self._penalised(unpenalised, lanes, scene_states)
         scenes = scene_states // PROGRESS
         chosen = select_guide(weights, self._rng)
-        rules = self._rules(chosen, weights, weighing.weight[scene_states], scene_states)
+        rules = self._rules(chosen, weights, unpenalised)
         alone = self._alone_in(lanes)
         rules[alone & (chosen != TARGET)] = "alone"
         chosen[alone] = TARGET
@@ -165,20 +159,12 @@ class GuideSelector:
         subgoals[own] = self._own_subgoals[sample_rows(self._own[scenes[own]], self._rng)]
         return subgoals
 
-    def _rules(
-        self, chosen: Ints, weights: Table, unpenalised: Table, scene_states: Ints
-    ) -> NDArray[np.object_]:
-        """Why each candidate was chosen by its Λ.
+    def _penalised(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
+        """Λ after what the candidates did before in each lane's episode. [n, C] -> [n, C]"""
+        return weights
 
-        Args:
-            chosen: The candidates. [n]
-            weights: Λ, this episode's penalties included. [n, C]
-            unpenalised: Λ without them. [n, C]
-            scene_states: Where. [n]
-
-        Returns:
-            `Rule`s. [n]
-        """
+    def _rules(self, chosen: Ints, weights: Table, unpenalised: Table) -> NDArray[np.object_]:
+        """Why each candidate [n] was chosen by its Λ [n, C], with this episode's penalties: `Rule`s. [n]"""
         largest, guides = weights == weights.max(-1, keepdims=True), self.candidates.guides
         first = np.where(largest, guides, guides.max() + 1).min(-1)
         last = np.where(largest, guides, TARGET).max(-1)
@@ -186,9 +172,6 @@ class GuideSelector:
         rules[first < last] = "tie"
         rules[unpenalised[np.arange(len(chosen)), chosen] < unpenalised.max(-1)] = "penalty"
         return rules
-
-    def _lane_weights(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
-        return weights[scene_states]
 
     def _alone_in(self, lanes: Ints) -> Bools:
         """In which lanes the target leads the episode alone. [n]"""
@@ -288,8 +271,6 @@ class PlannedGuides(GuideSelector):
         self._clauses = target.settings.clauses
         self._model = SemiMarkovModel(*self.shape, memory)
         self._returns = np.zeros(self.shape)
-        self._tried = np.zeros(self.shape, np.intp)
-        self._hits = np.zeros(self.shape, np.intp)
         self._similarity = np.repeat(candidates.similarity, PROGRESS, axis=0)
         self._known = np.where(np.isfinite(self._similarity), self._similarity, 0.0)
         self._leading_subgoal = candidates.subgoals.argmax(-1)
@@ -302,56 +283,32 @@ class PlannedGuides(GuideSelector):
         self._begins = np.ones(num_envs, np.bool_)
 
     def weigh(self) -> Weighing:
-        """ψ faded into the planned Φ; the target by merit, or by its floor. [R, C] each"""
-        weights = self._weights()
-        weights[:, TARGET] += self.rules.target_margin * self._measured()
-        return Weighing(self._similarity, self._returns, weights)
-
-    def _weights(self) -> Table:
-        """Λ without the target's margin. [R, C]"""
-        rules = self.rules
-        weights = faded_weight(self._known, self._returns, self._model.count, rules.similarity_decay)
+        """ψ faded into the planned Φ; the target's Λ is its Φ, or its floor. [R, C] each"""
+        weights = faded_weight(self._known, self._returns, self._model.count, self.rules.similarity_decay)
         weights[np.isneginf(self._similarity)] = -np.inf
-        weights[self.dropped()] = DROPPED
-        merit = np.where(self._measured(), self._returns[:, TARGET], 0.0)
-        weights[:, TARGET] = np.maximum(merit, rules.target_floor)
-        return weights
+        weights[:, TARGET] = np.maximum(self._returns[:, TARGET], self.rules.target_floor)
+        return Weighing(self._similarity, self._returns, weights)
 
     def on_decision_end(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended, then makes one sweep of planning."""
         super().on_decision_end(outcome)
         for lane, solved in zip(outcome.lanes[outcome.done], outcome.solved[outcome.done], strict=True):
             self._bandit.record(bool(self._alone[lane]), bool(solved))
-        self._returns = self._model.returns(self._weights().max(-1))
+        self._returns = self._model.returns(self.weigh().weight.max(-1))
 
-    def dropped(self) -> Bools:
-        """Sources that hardly ever reach their subgoal in a scene state. [R, C]"""
-        hopeless: Bools = (self._tried >= self.rules.trials) & (
-            self._hits < self.rules.drop_below_success * self._tried
-        )
-        hopeless[:, TARGET] = False
-        return hopeless
-
-    def _lane_weights(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
+    def _penalised(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
         leading = np.tile(self._leading_subgoal, (len(lanes), 1))
         leading[:, TARGET] = self._own_subgoals[self._own[scene_states // PROGRESS].argmax(-1)]
         repeats = self._repeats[lanes[:, None], scene_states[:, None], self.candidates.guides, leading]
-        penalised: Table = weights[scene_states] - self.rules.repeat_penalty * repeats
+        penalised: Table = weights - self.rules.repeat_penalty * repeats
         penalised[:, TARGET] = np.maximum(penalised[:, TARGET], self.rules.target_floor)
         return penalised
 
-    def _rules(
-        self, chosen: Ints, weights: Table, unpenalised: Table, scene_states: Ints
-    ) -> NDArray[np.object_]:
-        rules = super()._rules(chosen, weights, unpenalised, scene_states)
-        floor = self.rules.target_floor + self.rules.target_margin * self._measured()[scene_states]
-        rules[(chosen == TARGET) & (unpenalised[:, TARGET] <= floor) & (rules != "penalty")] = "floor"
+    def _rules(self, chosen: Ints, weights: Table, unpenalised: Table) -> NDArray[np.object_]:
+        rules = super()._rules(chosen, weights, unpenalised)
+        least = unpenalised[:, TARGET] <= self.rules.target_floor
+        rules[(chosen == TARGET) & least & (rules != "penalty")] = "floor"
         return rules
-
-    def _measured(self) -> Bools:
-        """Where the target has led often enough for its returns to count. [R]"""
-        measured: Bools = self._model.count[:, TARGET] >= self.rules.target_samples
-        return measured
 
     def _alone_in(self, lanes: Ints) -> Bools:
         for lane in lanes[self._begins[lanes]]:
@@ -363,8 +320,6 @@ class PlannedGuides(GuideSelector):
     def _learn(self, lane: int, decision: TracedDecision, reward: float, following: int | None) -> None:
         guide = self.candidates.guides[decision.candidate]
         self._repeats[lane, decision.scene_state, guide, decision.subgoal] += 1
-        self._tried[decision.scene_state, decision.candidate] += not decision.cut
-        self._hits[decision.scene_state, decision.candidate] += decision.reached
         discount = float(self._clauses.discounts(np.array(decision.steps)))
         self._model.record(decision.scene_state, decision.candidate, reward, following, discount)
 

@@ -67,7 +67,7 @@ class GuideRecorder:
         """
         if not self._selector.decisions.any():
             return
-        weighing, dropped = self._selector.weigh(), self._selector.dropped()
+        weighing = self._selector.weigh()
         by_scene = self._selector.decisions.reshape(-1, PROGRESS)
         for scene in np.flatnonzero(by_scene.sum(-1)):
             rows = scene * PROGRESS + np.arange(PROGRESS)
@@ -90,7 +90,6 @@ class GuideRecorder:
                     "decisions": int(by_scene[scene].sum()),
                     "chosen": int(chosen.sum()),
                     "rules": {rule: int(n) for rule, n in zip(RULES, chosen, strict=True) if n},
-                    "dropped": bool(dropped[shown, best]),
                     "reached": int(self._selector.reached[led].sum()),
                     "cut": int(self._selector.cut[led].sum()),
                 }

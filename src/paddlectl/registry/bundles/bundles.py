@@ -223,7 +223,9 @@ def _sound(members: dict[str, bytes], otherwise: str, hint: str) -> tuple[Any, A
     try:
         return _checked(members)
     except (KeyError, TypeError, AttributeError, UnicodeDecodeError, PaddlectlError) as error:
-        what = error.message if isinstance(error, PaddlectlError) else f"{type(error).__name__} {error}"
+        what = f"{type(error).__name__} {error}"
+        if isinstance(error, PaddlectlError):
+            what, hint = error.message, error.hint or hint
         raise IntegrityError(f"{otherwise}: {what[:200]}", hint) from None
 
 
@@ -234,8 +236,11 @@ def _checked(members: dict[str, bytes]) -> tuple[Any, Any, dict[str, bytes]]:
         raise IntegrityError("a file isn't what its manifest says (SHA-256 differs)")
     config = _document(members["config.json"], "config.json")
     results = _document(members["results.json"], "results.json")
-    if config.keys() != {"format", "run", "policy"} or config["format"] != FORMAT:
-        raise IntegrityError(f"its format isn't {FORMAT!r}")
+    if config["format"] != FORMAT:
+        hint = "import it with the version of paddlectl that exported it"
+        raise IntegrityError(f"its format isn't {FORMAT!r}, which this version reads", hint)
+    if config.keys() != {"format", "run", "policy"}:
+        raise IntegrityError("it hasn't the fields of one")
     policy = config["policy"]
     tables = {name[4:]: data for name, data in members.items() if name.startswith("run/")}
     expected = ["README.md", "config.json", "results.json"]
