@@ -117,7 +117,8 @@ def floor_text(run: RunRecord) -> str:
     if not floor:
         return ""
     if not samples:
-        return f" The target's Λ is at least {floor:g}."
+        margin = rules.get("target_margin", 0.0)
+        return f" The target's is its Φ + {margin:g}, and {floor + margin:g} at least."
     return f" Until the target has led there {samples:g} times, its Λ is {floor:g}; it is never less."
 
 

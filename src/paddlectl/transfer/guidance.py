@@ -73,6 +73,8 @@ class GuidanceSettings:
             its ψ.
         target_floor: Λ of the target is its Φ, but at least this. Where no source gains anything more than
             this, the target explores, at once, and only there.
+        target_margin: Added to the target's Λ, but not to what is planned by: it takes a scene over when it
+            comes this near to the best source, for it can still improve.
         repeat_penalty: Taken off a candidate's Λ for each earlier decision of its guide for the same subgoal
             in this scene of this episode: the subgoal was missed, or the episode came back. A frozen
             source that is stuck stays stuck, and two that undo each other's work would do so for ever.
@@ -93,6 +95,7 @@ class GuidanceSettings:
 
     similarity_decay: Share = 0.7
     target_floor: Finite = 0.05
+    target_margin: Finite = 0.02
     repeat_penalty: NotNegative = 0.3
     episodes: Literal["bandit", "guided", "alone"] = "bandit"
     bandit_prior: NotNegative = 10.0

@@ -283,18 +283,24 @@ class PlannedGuides(GuideSelector):
         self._begins = np.ones(num_envs, np.bool_)
 
     def weigh(self) -> Weighing:
-        """ψ faded into the planned Φ; the target's Λ is its Φ, or its floor. [R, C] each"""
+        """ψ faded into the planned Φ; the target's Λ is that and its margin. [R, C] each"""
+        weights = self._weights()
+        weights[:, TARGET] += self.rules.target_margin
+        return Weighing(self._similarity, self._returns, weights)
+
+    def _weights(self) -> Table:
+        """Λ without the target's margin, by which it is planned. [R, C]"""
         weights = faded_weight(self._known, self._returns, self._model.count, self.rules.similarity_decay)
         weights[np.isneginf(self._similarity)] = -np.inf
         weights[:, TARGET] = np.maximum(self._returns[:, TARGET], self.rules.target_floor)
-        return Weighing(self._similarity, self._returns, weights)
+        return weights
 
     def on_decision_end(self, outcome: Outcome) -> None:
         """Counts what came of the decisions that ended, then makes one sweep of planning."""
         super().on_decision_end(outcome)
         for lane, solved in zip(outcome.lanes[outcome.done], outcome.solved[outcome.done], strict=True):
             self._bandit.record(bool(self._alone[lane]), bool(solved))
-        self._returns = self._model.returns(self.weigh().weight.max(-1))
+        self._returns = self._model.returns(self._weights().max(-1))
 
     def _penalised(self, weights: Table, lanes: Ints, scene_states: Ints) -> Table:
         leading = np.tile(self._leading_subgoal, (len(lanes), 1))
@@ -306,7 +312,7 @@ class PlannedGuides(GuideSelector):
 
     def _rules(self, chosen: Ints, weights: Table, unpenalised: Table) -> NDArray[np.object_]:
         rules = super()._rules(chosen, weights, unpenalised)
-        least = unpenalised[:, TARGET] <= self.rules.target_floor
+        least = unpenalised[:, TARGET] <= self.rules.target_floor + self.rules.target_margin
         rules[(chosen == TARGET) & least & (rules != "penalty")] = "floor"
         return rules
 
