@@ -149,7 +149,8 @@ def test_a_short_run_and_the_floor_of_the_target_are_told() -> None:
     run = SimpleNamespace(settings={"rules": rules})
     assert floor_text(run) == " Until the target has led there 20 times, its Λ is 0.05; it is never less."  # type: ignore[arg-type]
     run = SimpleNamespace(settings={"rules": {"target_floor": 0.05, "target_margin": 0.02}})
-    assert floor_text(run) == " The target's is its Φ + 0.02, and 0.07 at least."  # type: ignore[arg-type]
+    assert floor_text(run) == " The target's Λ is its Φ + 0.02, and 0.07 at least."  # type: ignore[arg-type]
     assert floor_text(SimpleNamespace(settings={})) == ""  # type: ignore[arg-type]
     assert short_text(32) == "A short run: its figures of training are over 32 episodes instead of 100."
+    assert short_text(1) == "A short run: its figures of training are over 1 episode instead of 100."
     assert short_text(100) == short_text(None) == ""

@@ -30,7 +30,9 @@ def restored(usual: Any, stored: Any, name: str) -> Any:
         if not isinstance(stored, Mapping):
             raise ValueError(f"{name} can't be {str(stored)[:60]}")
         today = {each if each in known else RENAMED.get(each, each): value for each, value in stored.items()}
-        if len(today) < len(stored) or not today.keys() <= known:
+        if unknown := sorted(map(str, today.keys() - known)):
+            raise ValueError(f"{name} have no {', '.join(unknown)[:60]}")
+        if len(today) < len(stored):
             raise ValueError(f"{name} can't be {str(stored)[:60]}")
         return replace(
             usual, **{each: restored(getattr(usual, each), value, each) for each, value in today.items()}

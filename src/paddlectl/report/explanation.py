@@ -112,8 +112,8 @@ def explanation_document(registry: Registry, run: RunRecord, *, recorded: bool =
 
 
 def final_episodes(registry: Registry, run: RunRecord) -> int | None:
-    """How many episodes the figures of the end of training are over; None of a run of many."""
-    if not 0 < run.episodes < MANY:
+    """How many episodes the figures of the end of training are over; None of many, or without figures."""
+    if not (run.results and 0 < run.episodes < MANY):
         return None
     with suppress(IntegrityError):  # of an older run, too
         return min(WINDOW, len(in_order(ended_episodes(registry, run.id))))

@@ -107,7 +107,8 @@ def short_text(final_episodes: int | None) -> str:
     """What a reader must know of the figures of a short run."""
     if final_episodes is None or final_episodes >= WINDOW:
         return ""
-    return f"A short run: its figures of training are over {final_episodes} episodes instead of {WINDOW}."
+    episodes = f"{final_episodes} episode{'s' * (final_episodes != 1)}"
+    return f"A short run: its figures of training are over {episodes} instead of {WINDOW}."
 
 
 def floor_text(run: RunRecord) -> str:
@@ -118,7 +119,7 @@ def floor_text(run: RunRecord) -> str:
         return ""
     if not samples:
         margin = rules.get("target_margin", 0.0)
-        return f" The target's is its Φ + {margin:g}, and {floor + margin:g} at least."
+        return f" The target's Λ is its Φ + {margin:g}, and {floor + margin:g} at least."
     return f" Until the target has led there {samples:g} times, its Λ is {floor:g}; it is never less."
 
 
