@@ -25,7 +25,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("registry", metavar="FOLDER")
     place = ["--registry", parser.parse_args().registry]
-    runs = _paddlectl("runs", "--all", *place).stdout if Path(place[1]).is_dir() else ""
+    runs = _paddlectl("runs", "--all", "--json", *place).stdout if Path(place[1]).is_dir() else ""
     for command in COMMANDS:
         *_, label = command.split()
         if label not in runs:
