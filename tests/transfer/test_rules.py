@@ -136,7 +136,7 @@ def test_the_next_episode_knows_no_penalty():
 def test_a_target_leads_by_its_floor_where_no_source_earns_anything():
     found = play(planned(WALK), 200)
     assert found[0] == (1, "largest")
-    assert {each for each in found[12:]} == {(TARGET, "floor")}
+    assert set(found[12:]) == {(TARGET, "floor")}
 
 
 def test_two_scenes_of_one_source_are_no_tie():

@@ -283,7 +283,7 @@ class PlannedGuides(GuideSelector):
         self._begins = np.ones(num_envs, np.bool_)
 
     def weigh(self) -> Weighing:
-        """ψ faded into the planned Φ; the target's Λ is that and its margin. [R, C] each"""
+        """ψ faded into the planned Φ; the target's is its Φ or floor, and a margin. [R, C] each"""
         weights = self._weights()
         weights[:, TARGET] += self.rules.target_margin
         return Weighing(self._similarity, self._returns, weights)
