@@ -313,5 +313,5 @@ def test_its_settings_are_closed_and_come_back():
     assert CUP.settings_from(task, stored) == settings
     assert CUP.settings_from(task, {"cap": 1.0}).weight == 30.0
     for wrong in ({"wieght": 1.0}, {"weight": "1"}, {"learner": {"clip": 0.2}}):
-        with pytest.raises(ValueError, match="can't be|have no"):
+        with pytest.raises(ValueError, match=r"can't be|have no"):
             CUP.settings_from(task, wrong)

@@ -291,5 +291,5 @@ def test_its_settings_are_closed():
     assert usual.learner == USUAL["ppo"].learner
     assert method.settings_for(load(MAZE), None).options == OPTIONS["td3"]
     for wrong in ({"options": {"slope": 1}}, {"options": 3}, {"options": {"decay": "0.5"}}, {"option": {}}):
-        with pytest.raises(ValueError, match="can't be|have no"):
+        with pytest.raises(ValueError, match=r"can't be|have no"):
             method.settings_from(task, wrong)
